@@ -5,12 +5,15 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import torch
 
 import torchrender as tr
+from torchrender.effects.shadows.options import ShadowOptions
 from torchrender.errors import InputError
 from torchrender.images.files import read_image, read_image_bytes
+from torchrender.photo.fog.picture import prepare
 from torchrender.scene import shapes
 from torchrender.scene.mesh import concatenate
 
@@ -189,3 +192,27 @@ def _moved(distance: float) -> torch.Tensor:
     matrix = torch.eye(4)
     matrix[0, 3] = distance
     return matrix
+
+
+def test_integers_of_numpy_are_integers(ball: tr.Mesh, camera: tr.Cameras) -> None:
+    """In sizes, counts and places; what is kept is an integer of Python."""
+    size = np.array([8, 6])
+    made = tr.Cameras.look_at([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], width=size[0], height=size[1])
+    assert (type(made.width), made.width, type(made.height), made.height) == (int, 8, int, 6)
+    assert len(camera[np.int64(0)]) == 1
+    assert tr.render(tr.Scene(meshes=[ball], ambient=[0.5] * 3), width=size[0], height=size[1]).radiance.shape[1:3] == (
+        6, 8,
+    )  # fmt: skip
+    assert tr.voxelize_surface(ball, np.int32(5)).grid.dims == tr.voxelize_surface(ball, 5).grid.dims
+    assert tr.load("city", size=np.int64(4000)).geometry.triangle_count > 0
+    assert ShadowOptions(size=np.int64(64)).shape == (64, 64)
+    with pytest.raises(InputError, match="width must be an integer"):
+        tr.render(tr.Scene(meshes=[ball]), width=np.float64(8), height=6)
+
+
+def test_messages_say_what_was_given(ball: tr.Mesh) -> None:
+    flat = tr.Cameras.orthographic_view([0, 0, 4], [0, 0, 0], width=8, height=8, view_height=2)
+    with pytest.raises(InputError, match="got orthographic ones"):
+        tr.sample_depth_images(tr.Scene(meshes=[ball]), flat)
+    with pytest.raises(InputError, match=r"\(H, W, C\), got torch.uint8"):
+        prepare(torch.zeros(4, 4, 3, dtype=torch.uint8))

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
+from torchrender.checks import is_whole
 from torchrender.scene.camera import Cameras
 
 SEEN = 2.0**-22
@@ -95,7 +96,7 @@ class DepthImages(VisibilityBuffer):
 
     def __getitem__(self, index: int | slice) -> DepthImages:
         """The chosen images; an integer gives a set of one."""
-        chosen = slice(index, index + 1 or None) if isinstance(index, int) else index
+        chosen = slice(index, index + 1 or None) if is_whole(index) else index
         names = ("depth", "triangle", "object_id", "barycentric", "position", "normal", "color", "layer", "truncated")
         parts = {name: getattr(self, name)[chosen] for name in names}
         return replace(self, cameras=self.cameras[chosen], **parts)

@@ -7,7 +7,7 @@ import numbers
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import torch
@@ -303,16 +303,12 @@ def _tuple_of(inner: Sequence[Any]) -> _Rule:
     return _Rule(words, accepts, (), plain=lambda value: tuple(value) if isinstance(value, list) else value)
 
 
-def _is_anything(value: Any) -> bool:
-    del value
-    return True
-
-
 def _is_sequence(value: Any) -> bool:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
-def _is_whole(value: Any) -> bool:
+def is_whole(value: object) -> TypeGuard[int]:
+    """An integer of Python or NumPy; True and False are none."""
     return isinstance(value, numbers.Integral) and not isinstance(value, bool)
 
 
@@ -321,9 +317,9 @@ def _is_float(value: Any) -> bool:
 
 
 _SIMPLE: dict[Any, _Rule] = {
-    Any: _Rule("anything", _is_anything),
+    Any: _Rule("anything", lambda _: True),
     bool: _Rule("True or False", lambda value: isinstance(value, bool | np.bool_), (bool,)),
-    int: _Rule("an integer", _is_whole, (int,)),
+    int: _Rule("an integer", is_whole, (int,)),
     float: _Rule("a number", _is_float, (float, int)),
     str: _Rule("text", lambda value: isinstance(value, str), (str,)),
     type(None): _Rule("None", lambda value: value is None, (type(None),)),

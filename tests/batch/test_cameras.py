@@ -43,6 +43,58 @@ def test_rows_are_the_cameras_they_describe(tmp_path: Path) -> None:
     assert other.not_used == ("rotation",) and not other.bad
 
 
+POSE = torch.eye(4).tolist()
+TOP = {"fl_x": 900.0, "fl_y": 880.0, "cx": 330.0, "cy": 200.0, "w": 640, "h": 480.0}
+
+
+@pytest.mark.parametrize(
+    ("top", "row", "wanted"),
+    [
+        (TOP, {}, (900.0, 880.0, 330.0, 200.0)),
+        ({}, TOP, (900.0, 880.0, 330.0, 200.0)),
+        (TOP, {"fl_x": 500.0, "fl_y": 500.0, "cx": 320}, (500.0, 500.0, 320.0, 200.0)),
+        (TOP, {"fl_x": 500.0}, (500.0, 500.0, 330.0, 200.0)),
+        (TOP, {"camera_angle_x": math.pi / 2}, (320.0, 320.0, 330.0, 200.0)),
+        ({**TOP, "camera_angle_x": 1.0}, {}, (900.0, 880.0, 330.0, 200.0)),
+        ({"camera_angle_x": math.pi / 2, "cx": 300, "cy": 250, "w": 640, "h": 480}, {}, (320.0, 320.0, 300.0, 250.0)),
+        ({"camera_angle_x": math.pi / 2, "camera_angle_y": math.pi / 2, "w": 640, "h": 480}, {},
+         (320.0, 240.0, 320.0, 240.0)),
+        ({"camera_angle_y": math.pi / 2}, {}, (240.0, 240.0, 320.0, 240.0)),
+        ({"fov_deg": 90.0}, {}, (240.0, 240.0, 320.0, 240.0)),
+        ({"fov": 20.0}, {"fov_deg": 90.0}, (240.0, 240.0, 320.0, 240.0)),
+        ({}, {}, (240 / math.tan(math.radians(25.0)),) * 2 + (320.0, 240.0)),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("by", ["pose", "eye"])
+def test_lenses_are_those_of_nerf_programs(
+    tmp_path: Path, top: dict[str, float], row: dict[str, float], wanted: tuple[float, ...], by: str
+) -> None:
+    """Of rows, and of the object around them; the same picture at another size."""
+    place = {"transform_matrix": POSE} if by == "pose" else {"eye": [0, 0, 0], "target": [0, 0, -1]}
+    file = write(tmp_path / "transforms.json", {**top, "frames": [{**place, **row}]})
+    for scale in (1, 2):
+        found = read_cameras(file, width=640 * scale, height=480 * scale)
+        k = found.cameras.intrinsics[0]
+        assert [float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])] == pytest.approx(
+            [scale * one for one in wanted]
+        )
+        assert not found.bad and not found.not_used
+
+
+def test_what_of_a_nerf_file_is_not_used_is_named_once(tmp_path: Path) -> None:
+    frames = [{"transform_matrix": POSE, "sharpness": 3.0, "file_path": f"{n}.png"} for n in range(3)]
+    top = {**TOP, "k1": 0.1, "k2": 0.0, "p1": 0, "camera_model": "OPENCV", "aabb_scale": 16, "frames": frames}
+    assert read_cameras(write(tmp_path / "a.json", top), width=64, height=48).not_used == (
+        "k1", "aabb_scale", "sharpness",
+    )  # fmt: skip
+    fisheye = {**top, "camera_model": "OPENCV_FISHEYE", "fov": 30.0}
+    found = read_cameras(write(tmp_path / "b.json", fisheye), width=64, height=48).not_used
+    assert {"camera_model", "fl_x", "fl_y"} < set(found)
+    nowhere = {"fl_x": 900.0, "frames": frames}
+    with pytest.raises(SceneFileError, match="fl_x needs w and h"):
+        read_cameras(write(tmp_path / "c.json", nowhere), width=64, height=48)
+
+
 def test_bad_rows_are_named_and_left_out(tmp_path: Path) -> None:
     wrong = {
         "eye": {"eye": [1, 2]},

@@ -128,6 +128,12 @@ def test_invalid_vertices_can_be_dropped(tmp_path: Path, capsys: pytest.CaptureF
     assert "dropped with their faces (1)" in capsys.readouterr().err
 
 
+def test_options_are_named_as_they_were_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert run("render", tmp_path / "a.obj", "-o", tmp_path / "a.png", "--triangles", 5000) == 2
+    assert "--triangles must be left out where a file is read" in capsys.readouterr().err
+
+
 def test_photometric_lights_set_the_exposure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     glb = Glb(nodes=[{"mesh": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}])
     glb.mesh([[-5.0, -5, 0], [5.0, -5, 0], [0.0, 9, 0]])

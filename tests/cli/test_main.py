@@ -131,6 +131,7 @@ def test_scenes_lists_the_built_in_ones(capsys: pytest.CaptureFixture[str]) -> N
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "zoom=2"], "zoom"),
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "target=0,0,0"], "eye=x,y,z"),
         (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "balcony"], "balcony"),
+        (["render", "nest", "--triangles", "3000", "-o", "a.png", "--camera", "eye=0,1,4 fov=200"], "--camera fov"),
         (["render", "nest", "--triangles", "1", "-o", "a.png"], "triangles"),
         (["depth", "nest", "--triangles", "3000", "-o", "a.npz", "--views", "0"], "--views must be >= 1"),
         (["depth", "nest", "-o", "a.png"], ".npz"),

@@ -56,6 +56,8 @@ def test_the_report_says_how_good_it_is(folder, capsys):
 def test_exports_are_read_by_others(folder):
     scene = load(folder / "room.glb")
     assert len(scene.meshes) >= 4 and any(m.diffuse_texture is not None for m in scene.materials)
+    # Photos hold their light already: lamps, also those of other programs, must not light them again.
+    assert all(m.unlit for m in scene.materials) and scene.is_lit and not scene.photo_light
     assert len(trimesh.load(folder / "room.glb").geometry) == len(scene.meshes)
     cloud = load_points(folder / "room.ply")
     assert len(cloud) > 100 and cloud.radius is not None and cloud.color is not None

@@ -336,5 +336,5 @@ def test_unknown_names_and_kinds(tmp_path: Path) -> None:
         load(tmp_path / "a.glb")
     with pytest.raises(SceneFileError, match="no such file"):
         load(tmp_path / "nothing")
-    with pytest.raises(InputError, match="size is for procedural scenes only"):
+    with pytest.raises(InputError, match="size must be left out where a file is read"):
         load(tmp_path / "a.glb", size=5)

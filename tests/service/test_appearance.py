@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -93,6 +94,14 @@ def test_rooms_are_walked_through_and_objects_orbited(scene: tr.Scene) -> None:
     assert controls_of(ball, ball.camera(width=64, height=36)) == "orbit"
     inside = tr.Cameras.look_at((0.0, 0.0, 0.1), (1.0, 0.0, 0.1), width=64, height=36)
     assert controls_of(ball, inside) == "walk"
+
+
+def test_scenes_without_triangles_are_orbited() -> None:
+    sky = tr.Environment(radiance=torch.ones(4, 8, 3))
+    for empty in (tr.Scene(), tr.Scene(environment=sky)):
+        assert controls_of(empty, empty.camera(width=64, height=36)) == "orbit"
+        found = survey(empty)
+        assert not found["cameras"] and not any(base64.b64decode(found["obstacles"]["bits"]))
 
 
 def test_a_survey_tells_what_is_in_the_way(scene: tr.Scene) -> None:

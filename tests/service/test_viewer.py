@@ -54,6 +54,16 @@ def client(view: View) -> Iterator[StreamClient]:
         yield made
 
 
+def test_an_empty_scene_is_shown_and_filled() -> None:
+    with tr.show(tr.Scene(), browser=False) as empty:
+        assert not bool(empty.screenshot(width=16, height=12).gbuffer.covered.any())
+        empty.scene = small_scene()
+        assert bool(empty.screenshot(width=16, height=12).gbuffer.covered.any())
+        empty.scene = tr.Scene(environment=tr.Environment(radiance=torch.full((4, 8, 3), 0.5)))
+        sky = empty.screenshot(width=16, height=12)
+        assert not bool(sky.gbuffer.covered.any()) and float(sky.radiance.min()) == pytest.approx(0.5, abs=1e-3)
+
+
 def newest(client: StreamClient, fits: Any, timeout_s: float = 20.0) -> Any:
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:

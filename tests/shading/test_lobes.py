@@ -287,3 +287,12 @@ def test_colours_of_metals_can_be_derived() -> None:
 def test_metallic_roughness_numbers_need_metallic() -> None:
     with pytest.raises(OptionError, match="needs metallic"):
         Material(clearcoat=0.5)
+
+
+@pytest.mark.parametrize(
+    ("phong", "instead"),
+    [({"specular": 0.5}, "specular_weight"), ({"gloss": 0.2}, "roughness"), ({"shininess": 5.0}, "roughness")],
+)
+def test_phong_numbers_beside_metallic_are_refused(phong: dict[str, float], instead: str) -> None:
+    with pytest.raises(OptionError, match=f"{next(iter(phong))} is of Phong materials.*give {instead}"):
+        Material(metallic=1.0, **phong)

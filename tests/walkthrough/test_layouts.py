@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from torchrender.errors import ImageFileError, SceneFileError
+from torchrender.errors import CameraError, ImageFileError, OptionError, SceneFileError
 from torchrender.walkthrough.frames.json_file import write_json_sequence
 from torchrender.walkthrough.frames.layouts import load_rgbd
 from torchrender.walkthrough.frames.record import CaptureWarning
@@ -233,3 +233,39 @@ def test_a_folder_without_depth_says_so(tmp_path):
     (tmp_path / "pose").rmdir()
     with pytest.raises(SceneFileError, match="known layout"):
         load_rgbd(tmp_path)
+
+
+def test_cameras_of_nerf_beside_a_layout_are_said_and_not_used(frames, tmp_path):
+    nerf = {"fl_x": 50.0, "cx": 24, "frames": [{"file_path": "color/0.png", "transform_matrix": np.eye(4).tolist()}]}
+    (tmp_path / "transforms.json").write_text(json.dumps(nerf))
+    with pytest.raises(SceneFileError, match="unknown key"):
+        load_rgbd(tmp_path)
+    plain(tmp_path, frames)
+    with pytest.warns(CaptureWarning, match=r"transforms\.json: has cameras but no depth.*not used"):
+        found = load_rgbd(tmp_path)
+    assert len(found) == COUNT and np.allclose(found.frames[0].intrinsics, frames[0].intrinsics, atol=1e-6)
+
+
+MATRIX = [[50, 0, 23.5], [0, 51, 24.5], [0, 0, 1]]
+
+
+@pytest.mark.parametrize("given", [(50, 51, 23.5, 24.5), np.array([50, 51, 23.5, 24.5]), MATRIX, np.array(MATRIX)])
+def test_intrinsics_are_four_numbers_or_a_matrix(given, frames, tmp_path):
+    """In every layout, and in a JSON file that is named."""
+    as_json(tmp_path, frames)
+    for place in (tmp_path, tmp_path / "walkthrough.json"):
+        found = load_rgbd(place, intrinsics=given, depth_scale=2000).frames[0]
+        assert found.intrinsics.tolist() == [[50, 0, 24], [0, 51, 25], [0, 0, 1]] and found.depth_scale == 2000
+
+
+@pytest.mark.parametrize(
+    "given", [(50, 51, 23.5), 5, "wide", [[50, 0.1, 23.5], [0, 51, 24.5], [0, 0, 1]], (0, 51, 23.5, 24.5),
+              (50, 51, np.nan, 24.5), np.zeros((2, 2)), [[1, 2], [3]]],
+)  # fmt: skip
+def test_other_intrinsics_are_refused_by_name(given, frames, tmp_path):
+    plain(tmp_path, frames)
+    with pytest.raises(CameraError, match=r"^intrinsics must be fx, fy, cx, cy, or \[\[fx"):
+        load_rgbd(tmp_path, intrinsics=given)
+    for scale in (0, -1, "much"):
+        with pytest.raises(OptionError, match="depth_scale must be"):
+            load_rgbd(tmp_path, depth_scale=scale)

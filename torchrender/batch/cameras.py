@@ -5,10 +5,13 @@ JSON lines (``.jsonl``). A row is a table of
 
 - ``eye``, ``target`` and, if wanted, ``up``; or ``matrix`` or ``transform_matrix``, from camera to world with x right,
   y up, z backward (OpenGL, Blender, NeRF);
-- ``fov`` or ``fov_deg``, the vertical opening angle in degrees, or ``camera_angle_x``, the horizontal one in radians;
+- ``fov`` or ``fov_deg``, the vertical opening angle in degrees; or as instant-ngp and Nerfstudio define them: ``fl_x``
+  and ``fl_y``, focal lengths in pixels of pictures of ``w`` x ``h``, or ``camera_angle_x`` and ``camera_angle_y`` in
+  radians, and ``cx``, ``cy``, the principal point, in the middle where it is not given;
 - ``near`` and ``name`` (or ``file_path``, whose stem is the name), if wanted.
 
-What a row lacks is looked for in the object around the rows.
+What a row lacks is looked for in the object around the rows. Pictures of another shape than ``w`` x ``h`` keep the
+vertical opening angle.
 """
 
 from __future__ import annotations
@@ -16,32 +19,28 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from torch import Tensor
+
 from torchrender.batch.job import plain_name
 from torchrender.errors import InputError, SceneFileError
+from torchrender.numerics.transforms import pinhole_matrix
 from torchrender.scene.camera import Cameras
-from torchrender.scene.model import Scene
+from torchrender.scene.cameras.doors import focal_length
+from torchrender.scene.model import Scene, resized
 
 USUAL_FOV = 50.0
-KNOWN = frozenset(
-    {
-        "eye",
-        "target",
-        "up",
-        "matrix",
-        "transform_matrix",
-        "fov",
-        "fov_deg",
-        "camera_angle_x",
-        "near",
-        "name",
-        "file_path",
-    }
-)
+LENS = ("fov", "fov_deg", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y")
+"""How wide a camera sees, the first that is there: a row that says one takes none from the object around."""
+AROUND = frozenset({*LENS, "cx", "cy", "w", "h", "near", "up"})
+KNOWN = AROUND | {"eye", "target", "matrix", "transform_matrix", "name", "file_path"}
+DISTORTION = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
+"""Of lenses, as OpenCV names it; none where it is 0."""
+PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
 GRID_TURNS = ("east", "north", "west", "south")
 
 
@@ -52,7 +51,7 @@ class CameraRows:
     cameras: Cameras
     names: tuple[str, ...]
     bad: tuple[str, ...]  # "row 17: why"
-    not_used: tuple[str, ...]  # keys of rows that nobody reads
+    not_used: tuple[str, ...]  # keys of rows, and of the object around them, that nobody reads
 
 
 def read_cameras(path: str | Path, *, width: int, height: int) -> CameraRows:
@@ -63,7 +62,7 @@ def read_cameras(path: str | Path, *, width: int, height: int) -> CameraRows:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise SceneFileError(path, "no such file") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -73,18 +72,22 @@ def read_cameras(path: str | Path, *, width: int, height: int) -> CameraRows:
     bad: list[str] = []
     seen: set[str] = set()
     unused: dict[str, None] = {}
-    for number, row, around in _rows(path, text):
+    rows, around = _rows(path, text)
+    unused |= dict.fromkeys(_unused(around, AROUND))
+    for number, row in enumerate(rows):
         try:
             if not isinstance(row, Mapping):
                 raise InputError(f"must be a table, is {str(row)[:40]!r}")
             name = _name(row, number)
             if name.casefold() in seen:
                 raise InputError(f"name {name!r} is there twice")
-            camera = _camera({**around, **row}, width, height)
+            wide = () if row.keys().isdisjoint(LENS) else LENS
+            kept = {key: value for key, value in around.items() if key not in wide}
+            camera = _camera({**kept, **row}, width, height)
         except (InputError, TypeError, ValueError, OverflowError) as error:
             bad.append(f"row {number}: {error}")
             continue
-        unused |= dict.fromkeys(key for key in row if key not in KNOWN)
+        unused |= dict.fromkeys(_unused(row, KNOWN))
         seen.add(name.casefold())
         made.append(camera)
         names.append(name)
@@ -117,30 +120,41 @@ def grid_cameras(scene: Scene, cells: tuple[int, int, int], *, width: int, heigh
     return CameraRows(Cameras.cat(made), tuple(names), (), ())
 
 
-def _rows(path: Path, text: str) -> Iterator[tuple[int, Any, Mapping[str, Any]]]:
-    """Number, content and surroundings of each row."""
+def _unused(table: Mapping[str, Any], known: frozenset[str]) -> list[str]:
+    """Keys that say something and are not used: distortion of 0 and pinhole cameras are what everybody takes."""
+    silent = {key for key in DISTORTION if table.get(key) == 0}
+    if table.get("camera_model") in PINHOLES:
+        silent.add("camera_model")
+    if not table.keys().isdisjoint(("fov", "fov_deg")):
+        known = known - {*LENS[2:]}
+    return [key for key in table if key not in known and key not in silent]
+
+
+def _line(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        return f"no JSON: {error}"
+
+
+def _rows(path: Path, text: str) -> tuple[list[Any], dict[str, Any]]:
+    """The rows, and the object around them without those."""
     if path.suffix.lower() == ".jsonl":
-        for number, line in enumerate(line for line in text.splitlines() if line.strip()):
-            try:
-                yield number, json.loads(line), {}
-            except ValueError as error:
-                yield number, f"no JSON: {error}", {}
-        return
+        return [_line(line) for line in text.splitlines() if line.strip()], {}
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise SceneFileError(path, f"is no JSON ({error})") from error
-    around: Mapping[str, Any] = {}
+    around: dict[str, Any] = {}
     if isinstance(found, Mapping):
         key = next((key for key in ("cameras", "frames") if key in found), None)
         if key is None:
             raise SceneFileError(path, "must hold a list of cameras, or a table with cameras or frames")
-        around = {name: value for name, value in found.items() if name in ("fov", "camera_angle_x", "near", "up")}
+        around = {name: value for name, value in found.items() if name != key}
         found = found[key]
     if not isinstance(found, list):
         raise SceneFileError(path, "the cameras must be a list")
-    for number, row in enumerate(found):
-        yield number, row, around
+    return found, around
 
 
 def _name(row: Mapping[str, Any], number: int) -> str:
@@ -157,21 +171,46 @@ def _name(row: Mapping[str, Any], number: int) -> str:
 
 def _camera(row: Mapping[str, Any], width: int, height: int) -> Cameras:
     near: dict[str, Any] = {"near": _number(row, "near")} if "near" in row else {}
-    angle: dict[str, Any] = {"fov_deg": USUAL_FOV}
-    named = next((name for name in ("fov", "fov_deg") if name in row), None)
-    if named is not None:
-        angle = {"fov_deg": _number(row, named)}
-    elif "camera_angle_x" in row:
-        angle = {"fov_x_deg": math.degrees(_number(row, "camera_angle_x"))}
+    size = (round(_number(row, "w")), round(_number(row, "h"))) if {"w", "h"} <= row.keys() else None
+    lens = _intrinsics(row, *(size or (width, height)), measured=size is not None)
+    sides: dict[str, Any] = dict(zip(("width", "height"), size or (width, height), strict=True))
     matrix = row.get("matrix", row.get("transform_matrix"))
     if matrix is not None:
-        return Cameras.from_opengl(matrix, width=width, height=height, **angle, **near)
+        return resized(Cameras.from_opengl(matrix, K=lens, **sides, **near), width, height)
     eye, target = (_vector(row, name) for name in ("eye", "target"))
     up = _vector(row, "up") if "up" in row else [0.0, 1.0, 0.0]
-    if "fov_x_deg" in angle:
-        half = math.tan(math.radians(angle["fov_x_deg"]) / 2) * height / width
-        angle = {"fov_deg": math.degrees(2 * math.atan(half))}
-    return Cameras.look_at(eye, target, up=up, width=width, height=height, **angle, **near)
+    made = Cameras.look_at(eye, target, up=up, fov_deg=USUAL_FOV, **sides, **near)
+    return resized(replace(made, intrinsics=lens[None]), width, height)
+
+
+def _intrinsics(row: Mapping[str, Any], width: int, height: int, *, measured: bool) -> Tensor:
+    """(3,3) in pixels of pictures of this size; ``measured``: it is that which the row names.
+
+    Raises:
+        InputError: numbers of pixels without the size of the picture that they are of.
+    """
+    pixels = [name for name in ("fl_x", "fl_y", "cx", "cy") if name in row]
+    kind = next((name for name in LENS if name in row), "fov_deg")
+    if kind.startswith("fov"):
+        across = down = focal_length(kind, _number(row, kind) if kind in row else USUAL_FOV, height)
+        pixels = [name for name in pixels if name.startswith("c")]
+    elif kind.startswith("fl"):
+        across = _number(row, kind)
+        down = _number(row, "fl_y") if "fl_y" in row else across
+    else:
+        sides = {"camera_angle_x": width, "camera_angle_y": height}
+        focal = {
+            name: focal_length(f"{name} in degrees", math.degrees(_number(row, name)), sides[name])
+            for name in sides
+            if name in row
+        }
+        across = focal[kind]
+        # Pixels are square, but in pictures whose size says otherwise.
+        down = focal.get("camera_angle_y", across) if measured else across
+    if pixels and not measured:
+        raise InputError(f"{pixels[0]} needs w and h, the size of the picture whose pixels it counts")
+    middle = (_number(row, "cx") if "cx" in row else width / 2, _number(row, "cy") if "cy" in row else height / 2)
+    return pinhole_matrix(across, down, *middle)
 
 
 def _number(row: Mapping[str, Any], name: str) -> float:

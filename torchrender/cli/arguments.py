@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from torchrender.cli.output import waiting
-from torchrender.errors import CameraError, InputError, OptionError, TorchRenderError
+from torchrender.errors import InputError, OptionError, TorchRenderError
 
 if TYPE_CHECKING:
     from torchrender.scene.camera import Cameras
@@ -114,7 +114,7 @@ def named(**options: str) -> Iterator[None]:
     """Errors about these arguments are errors about options of the command line: ``named(count="--views")``."""
     try:
         yield
-    except (OptionError, CameraError) as error:
+    except InputError as error:
         found = _ARGUMENT.match(str(error))
         if found is None or found[1] not in options:
             raise

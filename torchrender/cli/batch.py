@@ -66,8 +66,8 @@ def batch_command(arguments: argparse.Namespace) -> None:
 
     _check_together(arguments)
     rows = _cameras(arguments)
-    for key in rows.not_used:
-        sys.stderr.write(f"torchrender: warning: not used: {key} of rows in {arguments.cameras}\n")
+    if rows.not_used:
+        sys.stderr.write(f"torchrender: warning: {arguments.cameras}: not used: {', '.join(rows.not_used)}\n")
     choices = given(
         size=arguments.triangles,
         time=arguments.time,

@@ -186,7 +186,8 @@ class StreamClient:
             InputError: names the argument. StreamClosed: the stream has ended.
         """
         if len(camera) != 1 or camera.orthographic:
-            raise InputError(f"camera must be a single perspective camera, got {len(camera)}")
+            kind = "orthographic" if camera.orthographic else "perspective"
+            raise InputError(f"camera must be a single perspective camera, got {len(camera)} {kind}")
         rates = [tuple(as_vector(name, one).tolist()) for name, one in (("velocity", velocity), ("spin", spin))]
         self._number += 1
         now = time.monotonic()

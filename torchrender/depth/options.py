@@ -39,7 +39,7 @@ class SamplingOptions:
     max_skips: int = 64  # surfaces looked at per pixel before it is given up as truncated
     count_layers: bool = True  # pixel redundancy; False: quicker, layers stay zero, nothing counts as truncated, and a
     # copy in the plane of a known surface counts as new
-    shade: bool = False  # store the surface's diffuse colour
+    shade: bool = False  # store the surface's diffuse colour: albedo, no light
 
     def __post_init__(self) -> None:
         check_choice("method", self.method, METHODS)

@@ -36,7 +36,8 @@ def sample_depth_images(scene: Scene, cameras: Cameras, options: SamplingOptions
     options = options_of(options, SamplingOptions)
     check_fixed("sample_depth_images", scene)
     if cameras.orthographic or not len(cameras):
-        raise InputError(f"cameras must be perspective and at least one, got {len(cameras)}")
+        got = "orthographic ones" if cameras.orthographic else "none"
+        raise InputError(f"cameras must be perspective and at least one, got {got}")
     if options.size is not None:
         cameras = resized(cameras, *options.size)
     if options.method == "depth_peeling":

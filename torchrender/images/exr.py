@@ -25,6 +25,27 @@ def read_exr(path: Path, max_pixels: int) -> np.ndarray[Any, Any]:
     Raises:
         ImageFileError: damaged, larger than ``max_pixels``, or without channels that make a colour.
     """
+    planes, chromaticities = _read(path, max_pixels)
+    return _compose(path, planes, _luminance_weights(chromaticities))
+
+
+def read_exr_depth(path: Path, max_pixels: int) -> np.ndarray[Any, Any]:
+    """(H,W) float32 of the plane ``Z``, that of a layer, or else the only plane that is no alpha: ``Y`` or ``V``.
+
+    Raises:
+        ImageFileError: damaged, larger than ``max_pixels``, or without one plane that is depth; names those it has.
+    """
+    planes, _ = _read(path, max_pixels)
+    layers = [name for name in planes if name.endswith(".Z")]
+    values = [name for name in planes if name != "A" and not name.endswith(".A")]
+    chosen = ["Z"] if "Z" in planes else layers or values
+    if len(chosen) != 1:
+        raise ImageFileError(path, f"needs one plane of depth, Z or Y, has {', '.join(sorted(planes)) or 'none'}")
+    return planes[chosen[0]]
+
+
+def _read(path: Path, max_pixels: int) -> tuple[dict[str, np.ndarray[Any, Any]], Any]:
+    """Planes (H,W) float32 by name, and the chromaticities of the header, if any."""
     import OpenEXR  # few pictures are such files
 
     try:
@@ -45,7 +66,7 @@ def read_exr(path: Path, max_pixels: int) -> np.ndarray[Any, Any]:
     # The bindings raise bare RuntimeError, ValueError, KeyError and their own classes for damaged files.
     except Exception as error:
         raise ImageFileError(path, f"damaged or not an OpenEXR file ({error})") from error
-    return _compose(path, planes, _luminance_weights(header.get("chromaticities")))
+    return planes, header.get("chromaticities")
 
 
 def write_exr(path: Path, planes: Mapping[str, np.ndarray[Any, Any]]) -> None:

@@ -80,11 +80,17 @@ class Cameras(CameraDoors):
             raise CameraError(f"view_height must be above 0 and finite, got {view_height!r}")
         scale = height / view_height
         k = pinhole_matrix(scale, scale, width / 2, height / 2)
-        return replace(cls._facing((eye, target, up), k, (width, height), (near, far)), orthographic=True)
+        return cls._facing((eye, target, up), k, (width, height), (near, far), orthographic=True)
 
     @classmethod
     def _facing(
-        cls, given: Sequence[Tensor | Sequence[float]], k: Tensor, size: tuple[int, int], limits: tuple[float, float]
+        cls,
+        given: Sequence[Tensor | Sequence[float]],
+        k: Tensor,
+        size: tuple[int, int],
+        limits: tuple[float, float],
+        *,
+        orthographic: bool = False,
     ) -> Cameras:
         """Cameras at eyes that look at targets, upright along ups: each (3,) or (B,3)."""
         places = [_places(name, value) for name, value in zip(("eye", "target", "up"), given, strict=True)]
@@ -95,7 +101,7 @@ class Cameras(CameraDoors):
         eyes, targets, ups = (place.expand(count, 3) for place in places)
         matrices = [look_at_matrix(e, t, u) for e, t, u in zip(eyes, targets, ups, strict=True)]
         near, far = (torch.tensor(v, dtype=torch.float64) for v in limits)
-        return cls(torch.stack(matrices), k.expand(count, 3, 3), *size, near, far)
+        return cls(torch.stack(matrices), k.expand(count, 3, 3), *size, near, far, orthographic=orthographic)
 
     @classmethod
     def cat(cls, cameras: Sequence[Cameras]) -> Cameras:

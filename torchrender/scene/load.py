@@ -6,7 +6,7 @@ import os
 import warnings
 from pathlib import Path
 
-from torchrender.errors import InputError, NotUsedWarning, SceneFileError
+from torchrender.errors import InputError, NotUsedWarning, OptionError, SceneFileError
 from torchrender.scene.files.choice import FileChoice
 from torchrender.scene.files.scene_file import load_scene_file
 from torchrender.scene.files.source import MESH_SUFFIXES, SCENE_SUFFIX, SUPPORTED, build_procedural, load_mesh_file
@@ -67,7 +67,7 @@ def load(
             reason = "is a folder, not a file" if path.is_dir() else reason if path.exists() else "no such file"
         raise SceneFileError(path, reason)
     if size is not None:
-        raise InputError(f"size is for procedural scenes only, {path} is a file")
+        raise OptionError(f"size must be left out where a file is read, as {path} is")
     return _at(load_scene_file(path), time, animation) if suffix == SCENE_SUFFIX else load_mesh_file(path, choice)
 
 

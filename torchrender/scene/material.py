@@ -66,6 +66,13 @@ PHYSICAL: Mapping[str, float] = {
 }
 """Numbers that only a metallic-roughness material has, with their defaults."""
 
+PHONG: Mapping[str, tuple[float, str]] = {
+    "specular": (0.0, "specular_weight or ior"),
+    "gloss": (0.0, "roughness"),
+    "shininess": (32.0, "roughness"),
+}
+"""Numbers that only a Phong material has, with their defaults and what stands for them in metallic-roughness."""
+
 FIXED = (
     *(name for name in PHYSICAL if name != "sheen_color"),
     *("metallic", "opacity", "alpha_cutoff", "specular", "gloss", "shininess", "normal_scale", "occlusion_strength"),
@@ -124,8 +131,8 @@ class Material:
     Raises:
         InputError: a colour that is not three finite numbers of zero or more, a texture of a wrong shape or with values
             that are not finite or negative, a sampler for a texture that does not exist.
-        OptionError: a number outside its range, or one of metallic-roughness on a Phong material; a flag that is
-            neither True nor False.
+        OptionError: a number outside its range, one of metallic-roughness on a Phong material, or the reverse; a flag
+            that is neither True nor False.
     """
 
     name: str = "material"
@@ -213,6 +220,10 @@ class Material:
             if name not in TEXTURES or getattr(self, name) is None:
                 raise InputError(f"material {self.name!r}: samplers name {name!r}, which is no texture of it")
         if self.metallic is not None:
+            for name, (usual, instead) in PHONG.items():
+                if not _equals(getattr(self, name), usual):
+                    told = f"{name} is of Phong materials, this one is of metallic-roughness: give {instead}"
+                    raise OptionError(f"material {self.name!r}: {told}")
             return
         given = [name for name, default in PHYSICAL.items() if not _equals(getattr(self, name), default)]
         given += [name for name in PHYSICAL_TEXTURES if getattr(self, name) is not None]

@@ -113,16 +113,15 @@ def make_grid(points: Tensor, dims: Sequence[int] | int = DIMS, pad: int = 2) ->
         points = torch.zeros(points.shape[0], 1, 3, dtype=torch.float64)
     low, high = points.amin(1), points.amax(1)
     size = high - low
-    if isinstance(dims, int):
-        dims = _fitting_dims(size[0], dims, pad)
-    counts = torch.tensor(check_dims(dims), dtype=torch.float64)
+    sides = check_dims(_fitting_dims(size[0], int(dims), pad) if isinstance(dims, int | np.integer) else dims)
+    counts = torch.tensor(sides, dtype=torch.float64)
     room = torch.clamp(counts - 2 * pad, min=0.5)
     cell = (size / room).amax(dim=1)
     # Points, and boxes without size, get cells of some size.
     floor = 1e-9 * torch.maximum(low.abs(), high.abs()).amax(dim=1)
     cell = torch.where(cell > floor, cell, torch.where(floor > 0, floor, torch.ones_like(cell)))
     origin = (low + high) / 2 - cell[:, None] * counts / 2
-    return VoxelGrid(origin, cell, check_dims(dims))
+    return VoxelGrid(origin, cell, sides)
 
 
 def _fitting_dims(size: Tensor, longest: int, pad: int) -> tuple[int, int, int]:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import as_array, check_no_gradient
+from torchrender.checks import as_array, check_no_gradient, is_whole
 from torchrender.errors import InputError
 from torchrender.scene.triangles import Shape, geometry_of
 from torchrender.voxels.grid import VoxelGrid, make_grid
@@ -47,6 +47,6 @@ def mesh_arguments(
 def _grid(points: Tensor, grid: object) -> VoxelGrid:
     if isinstance(grid, VoxelGrid):
         return grid
-    if isinstance(grid, int) and not isinstance(grid, bool):
-        return make_grid(points, grid)
+    if is_whole(grid):
+        return make_grid(points, int(grid))
     raise InputError(f"grid must be a VoxelGrid or a number of cells, got {type(grid).__name__}")

@@ -17,11 +17,13 @@ from torchrender.images.files import write_atomically
 from torchrender.points.file import write_points
 from torchrender.points.tree import build_patches
 from torchrender.scene.files.gltf.out.write import glb_bytes
+from torchrender.scene.model import Scene
 from torchrender.walkthrough.model import Walkthrough
 
 
 def write_glb(path: str | Path, walkthrough: Walkthrough, *, points: bool = False) -> int:
-    """Planes as textured meshes, without lights and with holes cut out by alpha; returns the bytes written.
+    """Planes as textured meshes that every light leaves as the photos are (unlit), holes cut out by alpha; returns the
+    bytes written.
 
     Args:
         points: the points, too, as squares with vertex colours.
@@ -34,9 +36,15 @@ def write_glb(path: str | Path, walkthrough: Walkthrough, *, points: bool = Fals
         raise SceneFileError(path, "planes are written to .glb")
     if not walkthrough.planes and not (points and len(walkthrough.points)):
         raise InputError("the walkthrough has no planes to write")
-    # The file knows no ambient light, which is all that the scene has.
-    scene = replace(walkthrough.scene(points=points), ambient=torch.zeros(3), cameras={})
-    data = glb_bytes(scene, path)
+    scene = walkthrough.scene(points=points)
+    # Photos hold their light already, and the format knows no ambient light, which is all that the scene has.
+    shown = tuple(replace(material, unlit=True) for material in scene.materials)
+    return _write_meshes(path, replace(scene, materials=shown))
+
+
+def _write_meshes(path: Path, scene: Scene) -> int:
+    """The meshes of a scene alone, without its light and cameras; returns the bytes written."""
+    data = glb_bytes(replace(scene, ambient=torch.zeros(3), photo_light=False, cameras={}), path)
 
     def write(temporary: Path) -> None:
         temporary.write_bytes(data)
@@ -123,7 +131,8 @@ def write_scene(folder: str | Path, walkthrough: Walkthrough, *, most_points: in
         walkthrough = replace(walkthrough, points=thinner)
     lines = [f"name = {json.dumps(walkthrough.name)}", "ambient = 1.0", "photo_light = true"]
     if walkthrough.planes:
-        write_glb(folder / "planes.glb", walkthrough)
+        # Lit by the ambient light of the scene file: lamps that are added to it light and shade them.
+        _write_meshes(folder / "planes.glb", walkthrough.scene(points=False))
         lines += ["[[geometry]]", 'file = "planes.glb"']
     if len(walkthrough.points):
         _write_squares(folder / "points.ply", walkthrough)

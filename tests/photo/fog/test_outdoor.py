@@ -11,7 +11,7 @@ import torch
 from PIL import Image
 
 from torchrender.errors import ImageFileError, InputError, OptionError
-from torchrender.images.files import read_image
+from torchrender.images.files import read_image, write_image
 from torchrender.photo.fog import FogMedium, FogOptions, FogPhoto, FogWarning, Marks, add_fog, outdoor
 from torchrender.photo.fog import picture as fog_picture
 from torchrender.photo.fog.depth.labels import SKY, depth_from_labels, label_map, outdoor_camera, read_labels
@@ -278,6 +278,35 @@ def test_depth_files(tmp_path) -> None:
     Image.fromarray(np.zeros((H, W, 3), np.uint8)).save(tmp_path / "colour.png")
     with pytest.raises(ImageFileError, match="one plane"):
         read_labels(tmp_path / "colour.png")
+
+
+def test_depth_is_the_plane_that_says_so(tmp_path) -> None:
+    """Of pictures with depth that this project, Blender and others write; never a colour, never a guess."""
+    depth, red = torch.full((4, 5), 7.0), torch.full((4, 5, 3), 0.25)
+    whole = torch.cat([red, depth[..., None]], dim=2)
+    planes = {
+        "z": (depth, "Z"), "rgbz": (whole, "RGBZ"), "v": (depth, "V"), "y": (depth, "Y"),
+        "layer": (whole, ("L.R", "L.G", "L.B", "L.Depth.Z")),
+        "alpha": (torch.stack([depth, torch.ones(4, 5)], dim=2), "YA"),
+    }  # fmt: skip
+    for name, (values, channels) in planes.items():
+        write_image(tmp_path / f"{name}.exr", values, channels=tuple(channels))
+        assert bool((read_depth(tmp_path / f"{name}.exr") == 7.0).all()), name
+    write_image(tmp_path / "rgb.exr", red)
+    with pytest.raises(ImageFileError, match="Z or Y, has B, G, R"):
+        read_depth(tmp_path / "rgb.exr")
+    mask = np.ones((4, 5), np.float32)
+    np.savez(tmp_path / "two.npz", mask=mask, depth=7 * mask)
+    np.savez(tmp_path / "one.npz", anything=7 * mask)
+    for name in ("one.npz", "two.npz"):
+        assert bool((read_depth(tmp_path / name) == 7.0).all())
+    np.savez(tmp_path / "odd.npz", mask=mask, z=7 * mask)
+    with pytest.raises(ImageFileError, match="named depth, has mask, z"):
+        read_depth(tmp_path / "odd.npz")
+    Image.fromarray(np.full((4, 5), 130, np.uint8)).save(tmp_path / "eight.png")
+    with pytest.raises(ImageFileError, match="8 bits"):
+        read_depth(tmp_path / "eight.png")
+    assert bool((read_depth(tmp_path / "eight.png", 0.1) == 13.0).all())
 
 
 def test_stereo_finds_a_plane() -> None:

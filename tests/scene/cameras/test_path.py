@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 import torch
 
 from torchrender.errors import InputError, SceneFileError
 from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import CameraPath, built_in_path, load_path, walks_of
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
@@ -127,3 +130,24 @@ def test_bad_paths_are_named() -> None:
         CameraPath(eyes=torch.full((2, 3), torch.nan), targets=torch.ones(2, 3), fov_deg=torch.ones(2))
     with pytest.raises(InputError, match="frames"):
         path().cameras(0, width=8, height=8, near=0.1)
+
+
+@pytest.mark.parametrize("view_height", [3.0, 300.0])
+def test_an_orbit_of_an_orthographic_camera_stays_orthographic(view_height: float) -> None:
+    """It sees as much, at any size, between the same limits: pixels per unit are no focal length."""
+    size = view_height / 3
+    first = Cameras.orthographic_view(
+        [3 * size, 2 * size, 4 * size], [0.0, 0.0, 0.0], width=64, height=48, view_height=view_height,
+        near=-size, far=90 * size,
+    )  # fmt: skip
+    scene = Scene(meshes=[Mesh.box(size)], cameras={"plan": first})
+    path = built_in_path(scene, "orbit")
+    made = path.cameras(5, width=80, height=40, near=0.01)
+    assert made.orthographic and (made.width, made.height) == (80, 40)
+    torch.testing.assert_close(made.intrinsics[:, 1, 1], torch.full((5,), 40 / view_height, dtype=torch.float64))
+    assert made.near.tolist() == [-size] * 5 and made.far.tolist() == [90 * size] * 5
+    torch.testing.assert_close(made.eye[2], first.eye[0])
+    torch.testing.assert_close(made.forward[2], first.forward[0])
+    assert bool((made.eye[0] - made.eye[-1]).norm() > 0.5 * size)
+    with pytest.raises(InputError, match="one orthographic camera"):
+        replace(path, orthographic=Cameras.look_at([0, 0, 1], [0, 0, 0], width=8, height=8))

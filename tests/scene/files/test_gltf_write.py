@@ -223,6 +223,23 @@ def test_media_come_back_from_extras(tmp_path: Path) -> None:
         tr.load(tmp_path / "d.glb")
 
 
+@pytest.mark.parametrize("photometric", [False, True])
+def test_how_light_is_meant_comes_back(tmp_path: Path, photometric: bool) -> None:
+    """Lux and candela ask for an exposure, and light of photos for no shadows, in the file as in the scene."""
+    before = scene(lights=LAMPS, photometric=photometric, photo_light=photometric)
+    write_glb(tmp_path / "a.glb", before)
+    (tmp_path / "b.toml").write_text("[[geometry]]\nfile = 'a.glb'\nkeep = ['lights']\n")
+    for file in ("a.glb", "b.toml"):
+        after = tr.load(tmp_path / file)
+        assert after.photometric == photometric
+    assert tr.load(tmp_path / "a.glb").photo_light == photometric
+    data = (tmp_path / "a.glb").read_bytes()
+    if photometric:
+        (tmp_path / "c.glb").write_bytes(data.replace(b'"photometric":true', b'"photometric":1234'))
+        with pytest.warns(NotUsedWarning, match=r"extras\.photometric of the scene"):
+            assert not tr.load(tmp_path / "c.glb").photometric
+
+
 @pytest.mark.parametrize("name", ["a.obj", "a", "missing/a.glb", "missing/a.toml"])
 def test_where_it_cannot_be_written(tmp_path: Path, name: str) -> None:
     with pytest.raises((SceneFileError, ImageFileError), match=r"\.glb|does not exist"):

@@ -397,3 +397,20 @@ def test_open_shapes(tmp_path: Path) -> None:
         tmp_path, "[[geometry]]\nshape = 'quad'\ncorner = [0,0,0]\nedge_u = [1,0,0]\nedge_v = [0,1,0]"
     ).geometry
     assert quad.face_normals.tolist() == [[0, 0, 1]] * 2
+
+
+def test_placement_is_known_where_nothing_is_placed(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("[[geometry]]\nshape = 'box'\nqqq = 1")
+    with pytest.raises(SceneFileError, match=r"known: .*rotate_deg, scale, .*translate"):
+        load(tmp_path / "a.toml")
+
+
+def test_files_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_bytes(b"\xef\xbb\xbfname = 'marked'\n[[geometry]]\nshape = 'box'\n")
+    assert load(tmp_path / "a.toml").name == "marked"
+
+
+def test_phong_keys_beside_those_of_metal_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text("[[material]]\nname = 'a'\nroughness = 0.5\nshininess = 5\n")
+    with pytest.raises(SceneFileError, match=r"material\[0\].*shininess is of Phong materials"):
+        load(tmp_path / "a.toml")

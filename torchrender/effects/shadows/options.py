@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from torchrender.checks import check_choice, check_range, checked_fields
+from torchrender.checks import check_choice, check_range, checked_fields, is_whole
 from torchrender.errors import OptionError
 from torchrender.kernels.shadows.shadow_lookup import AVERAGE_DEPTH, DISC, NEAREST_TEXEL, PCSS, WINDOW
 from torchrender.kernels.shadows.shadow_receiver import CONSTANT, RECEIVER_PLANE, SLOPE
@@ -64,7 +64,7 @@ class ShadowOptions:
 
     def __post_init__(self) -> None:
         for side in self.shape:
-            if not isinstance(side, int) or not 64 <= side <= 8192:
+            if not is_whole(side) or not 64 <= side <= 8192:
                 raise OptionError(f"size must be integers in [64, 8192], got {self.size!r}")
         if self.bias is not None:
             check_choice("bias", self.bias, tuple(BIASES))
@@ -92,7 +92,7 @@ class ShadowOptions:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width of the map in texels."""
-        height, width = (self.size, self.size) if isinstance(self.size, int) else self.size
+        height, width = self.size if isinstance(self.size, tuple) else (self.size, self.size)
         return height, width
 
     @property

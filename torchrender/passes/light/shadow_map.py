@@ -163,7 +163,7 @@ def _shared_out(options: ShadowOptions, lights: Sequence[Light]) -> ShadowOption
 def _finer(light: Light, scene: Scene, options: RenderOptions, size: int | tuple[int, int]) -> int | tuple[int, int]:
     """Texels of a side of a sun's map of everything: shafts in media show its texels more than shadows do."""
     texels = options.scattering.sun_texels
-    small = max((size, size) if isinstance(size, int) else size) < texels
+    small = max(size if isinstance(size, tuple) else (size, size)) < texels
     return texels if isinstance(light, DirectionalLight) and options.media and scene.media and small else size
 
 

@@ -70,7 +70,8 @@ def prepare(photo: Tensor) -> Prepared:
         InputError: another shape, no floating-point tensor, or values that are not finite.
     """
     if not isinstance(photo, Tensor) or not photo.is_floating_point():
-        raise InputError(f"photo must be a floating-point tensor (H, W, C), got {type(photo).__name__}")
+        kind = photo.dtype if isinstance(photo, Tensor) else type(photo).__name__
+        raise InputError(f"photo must be a floating-point tensor (H, W, C), got {kind}")
     if photo.dim() == 2:
         photo = photo[..., None]
     if photo.dim() != 3 or photo.shape[2] not in (1, 2, 3, 4) or not photo.numel():

@@ -39,6 +39,7 @@ class CameraPath:
     targets: Tensor  # (K,3) float64
     fov_deg: Tensor  # (K,) vertical opening angle
     closed: bool = False
+    orthographic: Cameras | None = None  # one camera: all are orthographic, with its view height, near and far
 
     def __post_init__(self) -> None:
         for name in ("eyes", "targets", "fov_deg"):
@@ -51,10 +52,15 @@ class CameraPath:
             raise InputError(f"a path must have at least 2 poses, got {len(self.eyes)}")
         if bool(((self.eyes - self.targets).norm(dim=1) == 0).any()):
             raise InputError("every pose of a path must have an eye that differs from its target")
+        if self.orthographic is not None:
+            check_class("orthographic", self.orthographic, Cameras)
+            if len(self.orthographic) != 1 or not self.orthographic.orthographic:
+                raise InputError("orthographic must be one orthographic camera")
 
     def cameras(self, frames: int, *, width: int, height: int, near: float) -> Cameras:
-        """``frames`` perspective cameras from the first pose to the last, the eye at constant speed.
+        """``frames`` cameras from the first pose to the last, the eye at constant speed.
 
+        They are perspective; with ``orthographic``, they are as that camera, and ``fov_deg`` and ``near`` have no say.
         A path whose eye rests turns at constant speed from pose to pose. A closed path does not repeat its start.
 
         Raises:
@@ -65,6 +71,13 @@ class CameraPath:
         time = even_times(self.eyes, frames, self.closed)
         ways = (self.eyes, self.targets, self.fov_deg[:, None])
         eye, target, fov = (spline_at(values, time, self.closed) for values in ways)
+        lens = self.orthographic
+        if lens is not None:
+            nearest, farthest = float(lens.near[0]), float(lens.far[0])
+            seen = lens.height / float(lens.intrinsics[0, 1, 1])
+            return Cameras.orthographic_view(
+                eye, target, width=width, height=height, view_height=seen, near=nearest, far=farthest
+            )
         views = [
             Cameras.look_at(e, t, width=width, height=height, fov_deg=float(f.clamp(1.0, 179.0)), near=near)
             for e, t, f in zip(eye, target, fov, strict=True)
@@ -111,7 +124,8 @@ def walks_of(scene: Scene) -> tuple[str, ...]:
 
 
 def built_in_path(scene: Scene, name: str = "walk1", seed: int = 0) -> CameraPath:
-    """A walk through a furnished room, or for any scene ``orbit``: a swing of the default camera about its middle.
+    """A walk through a furnished room, or for any scene ``orbit``: a swing of the default camera about its middle,
+    orthographic where it is.
 
     The seed moves the key poses of a walk by a few hundredths of a unit; 0 leaves them in place.
 
@@ -179,4 +193,5 @@ def _orbit(scene: Scene) -> CameraPath:
         c, s = torch.cos(angle), torch.sin(angle)
         offset = eye - target
         eyes.append(target + torch.stack([c * offset[0] + s * offset[2], offset[1], c * offset[2] - s * offset[0]]))
-    return CameraPath(eyes=torch.stack(eyes), targets=target.expand(5, 3), fov_deg=fov.expand(5))
+    lens = camera if camera.orthographic else None
+    return CameraPath(eyes=torch.stack(eyes), targets=target.expand(5, 3), fov_deg=fov.expand(5), orthographic=lens)

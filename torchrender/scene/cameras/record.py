@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import check_finite, check_no_gradient
+from torchrender.checks import check_finite, check_no_gradient, is_whole
 from torchrender.errors import CameraError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def check_side(name: str, pixels: object) -> None:
     Raises:
         CameraError: names the argument.
     """
-    if isinstance(pixels, bool) or not isinstance(pixels, int) or not 1 <= pixels <= MAX_SIDE:
+    if not is_whole(pixels) or not 1 <= pixels <= MAX_SIDE:
         raise CameraError(f"{name} must be an integer in [1, {MAX_SIDE}], got {pixels!r}")
 
 
@@ -96,6 +96,7 @@ class CameraRecord:
             object.__setattr__(self, name, value.reshape(-1).expand(count).contiguous())
         for name, side in (("width", self.width), ("height", self.height)):
             check_side(name, side)
+            object.__setattr__(self, name, int(side))
         self._check_values()
 
     def _check_values(self) -> None:
@@ -134,7 +135,7 @@ class CameraRecord:
 
     def __getitem__(self, index: int | slice | Sequence[int] | Tensor) -> Self:
         """A batch of the chosen cameras; an integer gives a batch of one."""
-        if isinstance(index, int):
+        if is_whole(index):
             index = [range(len(self))[index]]
         return replace(
             self,

@@ -59,7 +59,8 @@ FORMATS = (
         "normals of facets (they follow from the corners)",
     ),
     Format((".toml",), "tomllib", "scene files of this package", ""),
-    Format((".trw", ".trp", ".npz"), "own", "walkthroughs, compressed points and voxels of this package", ""),
+    Format((".trw", ".trp"), "own", "walkthroughs and compressed points of this package", ""),
+    Format((".npz",), "own", "voxels of this package, by `torchrender.read_voxels` alone: no command draws them", ""),
     Format(
         (".npy", ".vol"), "NumPy, own", "densities of media", "the box of a .vol file; of several channels the mean"
     ),

@@ -108,14 +108,15 @@ _SOURCES: dict[str, Callable[[Table], Scene]] = {
 
 def _placement(table: Table) -> Tensor | None:
     """``world_from_local`` (4,4) float64; None where the table does not move anything."""
+    scale = table.vector("scale", 3, _unit(3), repeat=True)
+    turn, shift = (table.vector(k, 3, torch.zeros(3, dtype=torch.float64)) for k in ("rotate_deg", "translate"))
     if not any(k in table for k in ("translate", "rotate_deg", "scale")):
         return None
-    scale = table.vector("scale", 3, _unit(3), repeat=True)
     if bool((scale == 0).any()):
         raise table.error("scale", "must not be zero")
     matrix = torch.eye(4, dtype=torch.float64)
-    matrix[:3, :3] = rotation_xyz(table.vector("rotate_deg", 3, torch.zeros(3, dtype=torch.float64))) * scale
-    matrix[:3, 3] = table.vector("translate", 3, torch.zeros(3, dtype=torch.float64))
+    matrix[:3, :3] = rotation_xyz(turn) * scale
+    matrix[:3, 3] = shift
     return matrix
 
 

@@ -45,7 +45,7 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
         return [path]
     if not path.parent.is_dir():
         raise SceneFileError(path, f"folder {path.parent} does not exist")
-    bare = replace(scene, lights=(), cameras={}, environment=None, ambient=torch.zeros(3), media=())
+    bare = replace(scene, lights=(), cameras={}, environment=None, ambient=torch.zeros(3), media=(), photo_light=False)
     body = path.with_suffix(".glb")
     written = [path, body]
     data = glb_bytes(bare, body)

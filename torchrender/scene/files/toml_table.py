@@ -36,7 +36,7 @@ def parse_toml(path: Path, data: bytes) -> Table:
 def parse_toml_values(path: Path, data: bytes) -> dict[str, Any]:
     """The plain values of a TOML file; errors as :func:`parse_toml`."""
     try:
-        return tomllib.loads(data.decode("utf-8"))
+        return tomllib.loads(data.decode("utf-8-sig"))
     except RecursionError as error:
         raise SceneFileError(path, "not a TOML file (nested too deeply)") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

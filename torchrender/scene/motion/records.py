@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from torchrender.checks import is_whole
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import Light
@@ -157,7 +158,7 @@ class Motion:
         """
         if name is None:
             return self.animations[0] if self.animations else None
-        if isinstance(name, int):
+        if is_whole(name):
             if 0 <= name < len(self.animations):
                 return self.animations[name]
         else:

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
 
+from torchrender.checks import is_whole
 from torchrender.errors import InputError
 from torchrender.scene.model import Scene
 
@@ -83,8 +84,8 @@ def build(name: str, *, triangles: int | None = None, seed: int = 0) -> Scene:
         raise InputError(f"unknown procedural scene {name!r}; known scenes: {', '.join(SCENES)}")
     builder = SCENES[name]
     count = builder.usual if triangles is None else triangles
-    if not isinstance(count, int) or not builder.fewest <= count <= MAX_TRIANGLES:
+    if not is_whole(count) or not builder.fewest <= count <= MAX_TRIANGLES:
         raise InputError(f"triangles of {name!r} must be in [{builder.fewest}, {MAX_TRIANGLES}], got {triangles!r}")
-    if not isinstance(seed, int) or seed < 0:
+    if not is_whole(seed) or seed < 0:
         raise InputError(f"seed must be an integer >= 0, got {seed!r}")
-    return builder.make(count, seed)
+    return builder.make(int(count), int(seed))

@@ -14,6 +14,17 @@ from torchrender.walkthrough.frames.poses import read_text
 from torchrender.walkthrough.frames.record import Array, Frame, RgbdSequence
 
 
+def is_nerf(path: Path) -> bool:
+    """Whether a file is a ``transforms.json`` of NeRF programs, which has cameras of photos but no depth."""
+    try:
+        table = json.loads(read_text(path))
+    except (ValueError, RecursionError, SceneFileError):
+        return False
+    frames = table.get("frames") if isinstance(table, dict) else None
+    first = frames[0] if isinstance(frames, list) and frames else None
+    return isinstance(first, dict) and "transform_matrix" in first
+
+
 def read_json_sequence(path: Path) -> RgbdSequence:
     """The frames of a JSON file.
 

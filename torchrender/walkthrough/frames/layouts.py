@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from torchrender.checks import check_class
+from torchrender.checks import check_class, check_range
 from torchrender.errors import SceneFileError
 from torchrender.walkthrough.frames.poses import (
     default_intrinsics,
+    given_intrinsics,
     read_intrinsics,
     read_log,
     read_pose,
@@ -25,6 +26,8 @@ from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, 
 COLORS = ("color", "rgb", "image", "images", "colour")
 PICTURES = (".jpg", ".jpeg", ".png")
 DEPTHS = (".png", ".pgm", ".npy", ".tif", ".tiff")
+SMALLEST_SCALE = 1e-12
+"""Codes per scene unit."""
 MAX_TIME_GAP = 0.05
 """Seconds between the photo, its depth and its pose beyond which they do not belong together."""
 
@@ -38,7 +41,10 @@ class Wishes:
 
 
 def load_rgbd(
-    path: str | Path, *, intrinsics: Sequence[float] | None = None, depth_scale: float | None = None
+    path: str | Path,
+    *,
+    intrinsics: Sequence[float] | Sequence[Sequence[float]] | Array | None = None,
+    depth_scale: float | None = None,
 ) -> RgbdSequence:
     """A sequence from a folder, or from a JSON file.
 
@@ -49,24 +55,29 @@ def load_rgbd(
     ``JSON``: see :func:`read_json_sequence`. Frames are sorted by time or name; those without a pose are left out.
 
     Args:
-        intrinsics: fx, fy, cx, cy in pixels, pixel centres at whole numbers, as such data sets give them.
+        intrinsics: fx, fy, cx, cy in pixels, or their 3x3 matrix; pixel centres at whole numbers, as such data sets
+            give them.
         depth_scale: codes of a depth picture per scene unit.
 
     Raises:
         SceneFileError: nothing of that kind is there, or a file cannot be used; names it and says why.
-        CameraError: a pose or intrinsics that are none.
+        CameraError: a pose or intrinsics that are none. OptionError: a ``depth_scale`` that is not above 0.
     """
     check_class("path", path, str, Path)
     path = Path(path)
-    wishes = Wishes(None if intrinsics is None else default_intrinsics(intrinsics), depth_scale)
+    if depth_scale is not None:
+        check_range("depth_scale", depth_scale, SMALLEST_SCALE)
+    wishes = Wishes(None if intrinsics is None else given_intrinsics(intrinsics), depth_scale)
     if path.suffix.lower() == ".json" and path.is_file():
-        from torchrender.walkthrough.frames.json_file import read_json_sequence
-
-        return read_json_sequence(path)
+        return _json_sequence(path, wishes)
     if not path.is_dir():
         raise SceneFileError(path, "no such folder" if not path.exists() else "a sequence is a folder or a .json file")
-    for found, read in _LAYOUTS:
+    foreign = _foreign_json(path)
+    for found, read in (*_LAYOUTS[1:], _LAYOUTS[0]) if foreign else _LAYOUTS:
         if found(path):
+            if foreign and read is not _read_json:
+                told = f"{foreign}: has cameras but no depth, as NeRF programs write it: not used"
+                warnings.warn(told, CaptureWarning, stacklevel=2)
             sequence = read(path, wishes)
             break
     else:
@@ -87,15 +98,25 @@ def _json_of(path: Path) -> Path | None:
     return None
 
 
-def _read_json(path: Path, wishes: Wishes) -> list[Frame]:
-    from torchrender.walkthrough.frames.json_file import read_json_sequence
+def _foreign_json(path: Path) -> Path | None:
+    from torchrender.walkthrough.frames.json_file import is_nerf
 
     file = _json_of(path)
+    return file if file is not None and is_nerf(file) else None
+
+
+def _read_json(path: Path, wishes: Wishes) -> list[Frame]:
+    file = _json_of(path)
     assert file is not None
-    frames = list(read_json_sequence(file).frames)
-    if wishes.intrinsics is not None:
-        frames = [replace(f, intrinsics=wishes.intrinsics) for f in frames]
-    return [replace(f, depth_scale=wishes.depth_scale) for f in frames] if wishes.depth_scale else frames
+    return list(_json_sequence(file, wishes).frames)
+
+
+def _json_sequence(file: Path, wishes: Wishes) -> RgbdSequence:
+    from torchrender.walkthrough.frames.json_file import read_json_sequence
+
+    sequence = read_json_sequence(file)
+    own = {name: value for name, value in vars(wishes).items() if value is not None}
+    return replace(sequence, frames=tuple(replace(frame, **own) for frame in sequence.frames))
 
 
 def _is_tum(path: Path) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torchrender.errors import SceneFileError
+from torchrender.errors import CameraError, SceneFileError
 from torchrender.numerics.quaternions import rotations
 from torchrender.walkthrough.frames.record import Array
 
@@ -21,7 +21,7 @@ def read_text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise SceneFileError(path, f"has more than {MAX_BYTES} bytes")
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise SceneFileError(path, "no such file") from error
     except OSError as error:
@@ -129,6 +129,24 @@ def default_intrinsics(values: Sequence[float]) -> Array:
     """(3,3) from fx, fy, cx, cy with pixel centres at whole numbers, as data sets give them; ours lie at +0.5."""
     fx, fy, cx, cy = (float(v) for v in values)
     return np.array([[fx, 0, cx + 0.5], [0, fy, cy + 0.5], [0, 0, 1.0]])
+
+
+def given_intrinsics(values: object) -> Array:
+    """The same from four numbers, or from a 3x3 matrix without skew, that a caller gives.
+
+    Raises:
+        CameraError: anything else.
+    """
+    wanted = "intrinsics must be fx, fy, cx, cy, or [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+    try:
+        found = np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise CameraError(f"{wanted}, got {str(values)[:80]}") from error
+    if found.shape == (3, 3) and np.array_equal(found[(0, 1, 2, 2, 2), (1, 0, 0, 1, 2)], (0.0, 0.0, 0.0, 0.0, 1.0)):
+        found = found[(0, 1, 0, 1), (0, 1, 2, 2)]
+    if found.shape != (4,) or not np.isfinite(found).all() or min(found[:2]) <= 0:
+        raise CameraError(f"{wanted}, finite and with positive focal lengths, got {found.tolist()}")
+    return default_intrinsics(found.tolist())
 
 
 _FILES = ("intrinsics.txt", "intrinsic.txt", "camera.txt", "calibration.txt", "camera-intrinsics.txt", "camera.json",

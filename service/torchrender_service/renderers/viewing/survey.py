@@ -39,6 +39,8 @@ def controls_of(scene: Scene, camera: Cameras) -> str:
 
 def _enclosed(scene: Scene) -> bool:
     """Whether most ways from the middle end at the front of a surface: walls of rooms face inwards."""
+    if not scene.geometry.triangle_count:
+        return False
     low, high = scene.bounds
     number = torch.arange(AROUND, dtype=torch.float64) + 0.5
     height, angle = 1 - 2 * number / AROUND, number * (torch.pi * (1 + 5**0.5))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,8 @@ from torch import Tensor
 
 from torchrender.checks import check_finite, check_range, check_tensor
 from torchrender.errors import ImageFileError, InputError
-from torchrender.images.files import read_image
+from torchrender.images.exr import read_exr_depth
+from torchrender.images.files import MAX_PIXELS
 
 SUFFIXES = (".png", ".exr", ".npy", ".npz")
 LARGEST_DISPARITY = 512
@@ -22,11 +24,13 @@ def read_depth(path: str | Path, unit: float | None = None) -> Tensor:
     """(H,W) float32 metres of a depth image; +inf where it knows nothing (0, NaN, infinite).
 
     Args:
-        path: ``.png`` of whole numbers, ``.exr`` (plane Z or the first), ``.npy`` or ``.npz`` (its first array).
+        path: ``.png`` of 16 bits, or of 8 where ``unit`` is given; ``.exr`` (its plane Z, else its only one: Y);
+            ``.npy``; ``.npz`` (its array ``depth``, or its only one).
         unit: metres of a value of one; None: a millimetre in PNG, a metre elsewhere.
 
     Raises:
-        ImageFileError: missing, damaged, of another kind, or with more than one plane.
+        ImageFileError: missing, damaged, of another kind, with more than one plane, or with several arrays of which
+            none is named ``depth``.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -37,24 +41,33 @@ def read_depth(path: str | Path, unit: float | None = None) -> Tensor:
     try:
         if suffix in (".npy", ".npz"):
             loaded = np.load(path, allow_pickle=False)
-            array = loaded[loaded.files[0]] if suffix == ".npz" else loaded
+            array = _depth_array(path, loaded) if suffix == ".npz" else loaded
         elif suffix == ".png":
             with Image.open(path) as picture:
                 array = np.array(picture)
         else:
-            array = read_image(path).numpy()
+            array = read_exr_depth(path, MAX_PIXELS)
     except (OSError, ValueError, IndexError) as error:
         raise ImageFileError(path, f"cannot be read: {error}") from error
     array = np.squeeze(array)
-    if array.ndim == 3 and suffix == ".exr":
-        array = array[..., 0]
     if array.ndim != 2 or not array.size or array.dtype.kind not in "iuf":
         raise ImageFileError(path, f"depth must have one plane, got shape {array.shape}")
     if unit is None:
+        if suffix == ".png" and array.dtype.itemsize == 1:
+            raise ImageFileError(
+                path, "has 8 bits, too few for millimetres: give the unit of its values (--depth-unit)"
+            )
         unit = 1e-3 if suffix == ".png" else 1.0
     check_range("unit", unit, 1e-9, 1e6)
     depth = array.astype(np.float32) * np.float32(unit)
     return torch.from_numpy(np.where(np.isfinite(depth) & (depth > 0), depth, np.inf).astype(np.float32))
+
+
+def _depth_array(path: Path, loaded: Mapping[str, np.ndarray]) -> np.ndarray:
+    names = list(loaded)
+    if "depth" not in names and len(names) != 1:
+        raise ImageFileError(path, f"needs an array named depth, has {', '.join(names) or 'none'}")
+    return loaded["depth" if "depth" in names else names[0]]
 
 
 def filled(depth: Tensor, sky: Tensor | None = None, farthest: float = 5000.0) -> Tensor:

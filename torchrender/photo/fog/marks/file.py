@@ -57,7 +57,7 @@ def parse_marks(data: bytes, name: str | Path) -> Marks:
     if len(data) > MAX_BYTES:
         raise SceneFileError(name, f"marks have at most {MAX_BYTES} bytes, got {len(data)}")
     try:
-        text = data.decode()
+        text = data.decode("utf-8-sig")
         table = json.loads(text) if Path(name).suffix.lower() == ".json" else tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise SceneFileError(name, f"cannot be read: {error}") from error

@@ -19,7 +19,7 @@ from torchrender.scene.files.gltf.animations import GltfMotion
 from torchrender.scene.files.gltf.container import GltfFile, object_of
 from torchrender.scene.files.gltf.extensions import unused_extensions
 from torchrender.scene.files.gltf.lenses import LIGHTS, read_camera, read_light
-from torchrender.scene.files.gltf.media import read_media
+from torchrender.scene.files.gltf.media import read_flags, read_media
 from torchrender.scene.files.gltf.meshes import GltfMeshes, surface_count
 from torchrender.scene.files.gltf.nodes import chosen_scene, instance_count, instances, read_nodes
 from torchrender.scene.light import Light
@@ -33,7 +33,7 @@ from torchrender.scene.motion.records import Animation, Array, Motion, Nodes, Pa
 MAX_TRIANGLES = 50_000_000
 """A small file can place one mesh many times; more triangles than this are refused."""
 GENERATOR = "torchrender"
-"""Files that this package wrote: their lights are plain numbers, not candela and lux."""
+"""Files that this package wrote: their lights are plain numbers, not candela and lux, where they do not say so."""
 
 _SHOWN = ("mesh", "camera", "extensions")
 
@@ -68,7 +68,7 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
     for index in order:
         if not entries[index].keys().isdisjoint(_SHOWN):
             draft.node(index)
-    return draft.scene(read_media(file, number))
+    return draft.scene(read_media(file, number), read_flags(file, number))
 
 
 def triangle_total(file: GltfFile, order: list[int]) -> int:
@@ -152,8 +152,8 @@ class _Draft:
                 self._parts.append(moving)
         self._objects += 1
 
-    def scene(self, media: tuple[Medium, ...]) -> Scene:
-        """What all nodes gave, with the media between them."""
+    def scene(self, media: tuple[Medium, ...], flags: dict[str, bool]) -> Scene:
+        """What all nodes gave, with the media between them and what the file says of its light."""
         file, notes = self._file, self._file.notes
         for name, count in unused_extensions(file.json).items():
             notes.not_used(name, count)
@@ -181,7 +181,8 @@ class _Draft:
             media=media,
             name=file.path.stem,
             motions=(motion,) if moves else (),
-            photometric=bool(self._lights) and not generator.startswith(GENERATOR),
+            photometric=bool(self._lights) and flags.get("photometric", not generator.startswith(GENERATOR)),
+            photo_light=flags.get("photo_light", False),
             report=notes.close(),
         )
 

@@ -3,8 +3,8 @@
 Every object becomes a node of its own name, at its middle, so that float32 vertices keep their precision far from the
 world's origin. What :func:`~torchrender.scene.files.gltf.read.read_gltf` makes of the file looks as the scene did.
 
-Media go to the ``extras`` of the scene, where other programs pass them by. glTF knows no rectangle lights, environments
-or ambient light: a :class:`LossWarning` names what is left out.
+Media, and whether lights are in candela and lux, go to the ``extras`` of the scene, where other programs pass them by.
+glTF knows no rectangle lights, environments or ambient light: a :class:`LossWarning` names what is left out.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from torch import Tensor
 from torchrender.errors import SceneFileError, TorchRenderWarning
 from torchrender.images.files import write_atomically
 from torchrender.scene.camera import Cameras
+from torchrender.scene.files.gltf.media import FLAGS
 from torchrender.scene.files.gltf.out.document import GlbDocument
 from torchrender.scene.files.gltf.out.materials import MaterialWriter
 from torchrender.scene.light import DirectionalLight, Light, PointLight, SpotLight
-from torchrender.scene.medium import EXTRAS, Medium, medium_values
+from torchrender.scene.medium import EXTRAS, medium_values
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
@@ -66,7 +67,7 @@ def glb_bytes(scene: Scene, name: str | Path = "scene.glb") -> bytes:
         out.camera(title, camera)
     for light in scene.lights:
         out.light(light)
-    out.media(scene.media)
+    out.extras(scene)
     return out.content(name)
 
 
@@ -80,7 +81,7 @@ def _warn_losses(scene: Scene) -> None:
     if scene.motions:
         lost.append("animations, skins and morph targets (the present pose is written)")
     if lost:
-        warnings.warn(f"a GLB file cannot hold {', '.join(lost)}: left out", LossWarning, stacklevel=4)
+        warnings.warn(f"GLB files are written without {', '.join(lost)}", LossWarning, stacklevel=4)
 
 
 def off_centre(camera: Cameras) -> bool:
@@ -170,10 +171,13 @@ class _Writer(GlbDocument):
         matrix[:3, 1:3] *= -1.0
         self.node({"name": name, "camera": index, "matrix": matrix.T.reshape(-1).tolist()})
 
-    def media(self, media: tuple[Medium, ...]) -> None:
-        """Boxes of smoke and fog, in the extras of the scene."""
-        if media:
-            self.json["scenes"][0]["extras"] = {EXTRAS: [medium_values(m) for m in media]}
+    def extras(self, scene: Scene) -> None:
+        """Boxes of smoke and fog, and how light is meant, in the extras of the scene."""
+        extras: dict[str, Any] = {name: True for name in FLAGS if getattr(scene, name)}
+        if scene.media:
+            extras[EXTRAS] = [medium_values(m) for m in scene.media]
+        if extras:
+            self.json["scenes"][0]["extras"] = extras
 
     def light(self, light: Light) -> None:
         """A punctual light at a node of its own; others are named in the warning."""
