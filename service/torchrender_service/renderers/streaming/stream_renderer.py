@@ -27,6 +27,7 @@ from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_me
 from torchrender_service.renderers.streaming.beginnings import Beginnings
 from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges
 from torchrender_service.renderers.streaming.glass import CARRYING_NEEDS, veiled
+from torchrender_service.renderers.streaming.haze import is_hazy
 from torchrender_service.renderers.streaming.layers import (
     cameras_around,
     extra_layers,
@@ -176,9 +177,8 @@ class StreamRenderer:
             options = refined.begun.options  # chosen for that
         if refined.light is not None:
             camera = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
-        light = None
-        if refined.base is not None:
-            light = moved_aside(refined.scene, camera, refined.base, options, refined.begun.past)
+        base = refined.base
+        light = None if base is None else moved_aside(refined.scene, camera, base, options, refined.begun.past)
         if light is not None:
             refined.add(light)
         else:
@@ -245,8 +245,9 @@ class StreamRenderer:
         options = options_of(STREAMED, job.off)
         lit = state.lit
         pictures = lit.of(scene, job.off) if job.still else lit.for_moving(scene, job.off)
-        if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
-            past = state.history if not job.still else replace(state.history.shared(), sequence=False)
+        anew = not job.still and is_hazy(scene, camera, options)  # media alone would take as long
+        if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms) and not anew:
+            past = replace(state.history.shared(), sequence=False) if job.still else state.history
             made = carried_picture(scene, camera, lit, pictures, past, options, budget_ms=bounds.budget_ms)
             if made is not None:
                 state.history = replace(state.history.of_scene(scene), kept=made.history.kept)
@@ -254,7 +255,7 @@ class StreamRenderer:
                 return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
-        keeps = bounds.max_error is None and not veiled(scene, camera, options)  # what it shows, none kept has shown
+        keeps = bounds.max_error is None and not anew and not veiled(scene, camera, options)
         options = replace(options, buffers=CARRYING_NEEDS) if job.mirrors or keeps else options
         options = options if bounds.max_error is not None else _as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
