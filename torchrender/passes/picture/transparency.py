@@ -9,10 +9,11 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RayHits
 from torchrender.effects.reflections.reflectors import RayShader, ReflectedRays
+from torchrender.effects.transparency.before import panes_before
 from torchrender.effects.transparency.layers import DARK, LayerShader, Transparency, deepest_layers, transparency
 from torchrender.errors import ViewWarning
 from torchrender.passes.contract import Amounts, Pass
-from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, displayed
+from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, displayed, mean_over
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.picture.scattering import SCATTERING, veil_of
@@ -23,6 +24,7 @@ from torchrender.pipeline.doubts import say
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
@@ -144,6 +146,30 @@ HARD = HardEffect(
 )
 
 
+def _told_apart(subject: Subject) -> Outputs:
+    nothing = rasterize_visibility(Scene(meshes=()).geometry, subject.cameras)
+    return {"paned": (panes_before(_paned(subject), nothing) != 0).float()}
+
+
+def _where_panes_are(subject: Subject, outputs: Outputs) -> float:
+    covered = rasterize_visibility(_paned(subject).geometry.panes, subject.cameras).covered
+    return mean_over((outputs["paned"] - covered.float()).abs(), torch.ones_like(covered))
+
+
+BEFORE = HardEffect(
+    name="panes_before",
+    modules=("effects.transparency.before",),
+    parallel=False,
+    about=VIEW,
+    run=_told_apart,
+    bounds=lambda _: {"paned": (0.0, 1.0)},
+    law=Law(
+        text="panes lie before nothing where they are seen: share of pixels", deviation=_where_panes_are, limit=0.0
+    ),
+    skip=lambda subject: None if subject.scene.geometry.triangle_count else "no triangles",
+)
+
+
 def off(options: RenderOptions, history: RenderHistory) -> RenderOptions:
     """Over other samples: not at all."""
     del history
@@ -169,5 +195,5 @@ PASS = Pass(
     amounts=amounts,
     over_samples=off,
     over_hits=off,
-    hard=(HARD,),
+    hard=(HARD, BEFORE),
 )
