@@ -192,7 +192,7 @@ The machine's load was {os.getloadavg()[0]:.1f} at the end.
 The view swings aside by {SPEED:.0%} of the scene's diagonal a second, for {MOVED_S:g} s. Goals: 8 keyframes a second,
 the smooth picture 1.5 s after stopping, the first picture of another session of a loaded scene in 800 ms
 (the page's own start is not in it). The first picture at rest is made of known light; the smooth one is rendered
-anew, five times.
+anew, five times, or once and four times aside of it behind panes and media.
 
 {rates}
 
