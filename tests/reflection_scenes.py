@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer
 from torchrender.effects.reflections.clustered import ClusteredReflections, ClusterOptions, clustered_reflections
-from torchrender.effects.reflections.reflectors import START, ReflectivePixels, reflective_pixels
+from torchrender.effects.reflections.reflectors import ReflectivePixels, reflected_rays, reflective_pixels
 from torchrender.effects.reflections.traced import TraceOptions, trace_reflections
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
@@ -109,5 +109,4 @@ def traced(scene: Scene, cameras: Cameras, rays: int = 8) -> ReflectionLayer:
 
 
 def true_hits(scene: Scene, pixels: ReflectivePixels) -> RayHits:
-    caster = RayCaster(scene.geometry)
-    return caster.first_hit(pixels.position, pixels.direction, t_min=START * pixels.pixel_angle * pixels.length)
+    return reflected_rays(pixels).first_hits(RayCaster(scene.geometry))

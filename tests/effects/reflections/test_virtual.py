@@ -12,7 +12,7 @@ from reflection_scenes import looking, mirror_scene, placed, prepared, scene_of,
 from torchrender.buffers import ReflectionState
 from torchrender.client.drawing import draw_keyframes
 from torchrender.client.mirrors import draw_with_mirrors
-from torchrender.effects.reflections.reflectors import START
+from torchrender.effects.reflections.reflectors import reflected_rays
 from torchrender.effects.reflections.virtual import virtual_images
 from torchrender.image import Image
 from torchrender.passes.light.direct_light import MIRROR_SHARE
@@ -45,9 +45,7 @@ def virtual_points(scene: Scene, camera: Cameras) -> tuple[Tensor, Tensor, Tenso
     near = made.known.reshape(-1)[pixels.pixel] & torch.isfinite(made.depth.reshape(-1)[pixels.pixel])
     part = pixels.select(near)
     along = made.depth.reshape(-1)[part.pixel].double() / part.depth * part.length
-    hits = RayCaster(scene.geometry).first_hit(
-        part.position, part.direction, t_min=START * part.pixel_angle * part.length
-    )
+    hits = reflected_rays(part).first_hits(RayCaster(scene.geometry))
     real = part.position + hits.t[:, None] * part.direction
     return camera.eye[0] + along[:, None] * part.view, real, part.pixel
 

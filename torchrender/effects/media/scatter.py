@@ -30,7 +30,7 @@ from torchrender.kernels.media.records import FLAT, NO_LATTICE, PLACE, SUN, Scat
 from torchrender.kernels.media.ways import ways_through
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import DirectionalLight, Light, RectLight
+from torchrender.scene.light import DirectionalLight, Light, vectors_to
 from torchrender.scene.medium import Medium
 
 GRID_STEPS = 48
@@ -73,8 +73,7 @@ class Illumination:
             return self.nearest
         away = self.size
         if not isinstance(light, DirectionalLight):
-            place = light.centre if isinstance(light, RectLight) else light.position
-            away = min(away, float((place.double() - eye.double()).norm()))
+            away = min(away, float(vectors_to(light, eye.double()[None]).norm()))
         return options.nearest * max(away, 1e-6 * self.size, 1e-12)
 
 

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from torchrender.effects.reflections.reflectors import (
-    START,
     MirroredPoints,
     Onward,
     RayShader,
@@ -37,7 +36,7 @@ def _follow(caster: RayCaster, shader: RayShader, left: int, rays: int, lobe: st
     further = _follow(caster, shader, left - 1, 1, lobe) if left > 1 else None
 
     def brought(sent: ReflectedRays) -> Tensor:
-        return shader(sent, caster.first_hit(sent.origin, sent.direction, t_min=START * sent.width), further)
+        return shader(sent, sent.first_hits(caster), further)
 
     def onward(points: MirroredPoints) -> Tensor:
         color = torch.zeros(len(points.gloss), 3)

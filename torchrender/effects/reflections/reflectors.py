@@ -19,6 +19,7 @@ from torchrender.brief import brief
 from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
 from torchrender.checks import check_class, check_tensor
 from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
+from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.shading.mirrors import mirror_values
@@ -90,6 +91,10 @@ class ReflectedRays:
         """Some of the rays, by index or mask (N,)."""
         own = (self.origin[index], self.direction[index], self.width[index], self.spread[index])
         return ReflectedRays(*own, self.many)
+
+    def first_hits(self, caster: RayCaster) -> RayHits:
+        """What the rays meet, off the reflectors that they leave."""
+        return caster.first_hit(self.origin, self.direction, t_min=START * self.width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,15 +213,8 @@ def lobe_rays(pixels: ReflectivePixels, count: int, lobe: str = "ggx") -> tuple[
     """
     column, row = pixels.pixel % pixels.shape[2], pixels.pixel // pixels.shape[2] % pixels.shape[1]
     turn = noise_angle(column, row)
-    angle = (pixels.pixel_angle * pixels.length, pixels.pixel_angle)
-    return spread_rays(
-        ReflectedRays(pixels.position, pixels.direction, *angle),
-        (pixels.view, pixels.normal, pixels.geometric_normal),
-        pixels.gloss,
-        turn,
-        count,
-        lobe,
-    )
+    facing = (pixels.view, pixels.normal, pixels.geometric_normal)
+    return spread_rays(reflected_rays(pixels), facing, pixels.gloss, turn, count, lobe)
 
 
 def noise_angle(column: Tensor, row: Tensor) -> Tensor:

@@ -18,7 +18,6 @@ from torchrender.effects.reflections.bounces import traced_onward
 from torchrender.effects.reflections.glossy import share_rays
 from torchrender.effects.reflections.reflectors import (
     LOBES,
-    START,
     Onward,
     RayShader,
     ReflectedRays,
@@ -105,7 +104,7 @@ def trace_rays(
     caster: RayCaster, rays: ReflectedRays, shader: RayShader, onward: Onward | None = None
 ) -> tuple[Tensor, Tensor]:
     """Radiance (N,3) along the rays and the lengths (N,) float64 at which they hit, +inf where they do not."""
-    hits = caster.first_hit(rays.origin, rays.direction, t_min=START * rays.width)
+    hits = rays.first_hits(caster)
     return shader(rays, hits, onward), hits.t
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RayHits
+from torchrender.buffers import SEEN, GBuffer, RayHits
 from torchrender.checks import check_range
 from torchrender.effects.transparency.passing import passing_light
 from torchrender.raster import FragmentTests, rasterize_visibility
@@ -24,9 +24,6 @@ from torchrender.scene.model import Scene
 
 START = 2.0**-8
 """Length at which rays that leave a surface start, in widths of the rays: what is seen from afar is known the less."""
-
-NEAR_DEPTH = 2.0**-21
-"""Share of a length that float32 depth may be off, several times over."""
 
 TOGETHER = 1 << 15
 """Hits of several layers from which on these are shaded."""
@@ -230,7 +227,7 @@ def _on_planes(panes: Geometry, rays: Rays, layer: Layer) -> Layer:
     normal = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     rise = (rays.direction[pixel] * normal).sum(-1)
     exact = ((corners[:, 0] - rays.origin[pixel]) * normal).sum(-1) / rise
-    near = (exact - hits.t).abs() <= NEAR_DEPTH * hits.t
+    near = (exact - hits.t).abs() <= 2.0 * SEEN * hits.t
     return Layer(pixel, RayHits(torch.where(near, exact, hits.t), hits.triangle, hits.barycentric))
 
 

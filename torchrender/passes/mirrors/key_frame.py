@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from torchrender.effects.reflections.reflectors import START, mirrored_share
+from torchrender.effects.reflections.reflectors import mirrored_share, reflected_rays
 from torchrender.effects.reflections.reuse import ReuseReport, ReuseState, begin_reuse
 from torchrender.effects.reflections.traced import trace_reflections
 from torchrender.passes.contract import Amounts, Pass
@@ -99,8 +99,7 @@ def _kept(subject: Subject) -> Outputs:
 
 def _where_rays_hit(subject: Subject, outputs: Outputs) -> float:
     pixels = subject.pixels.select(subject.pixels.gloss <= 0)
-    start = START * pixels.pixel_angle * pixels.length
-    hits = subject.caster.first_hit(pixels.position, pixels.direction, t_min=start)
+    hits = reflected_rays(pixels).first_hits(subject.caster)
     wanted = torch.where(hits.hit, hits.t, 0.0).float() / subject.unit
     return difference({"length": outputs["length"].reshape(-1)[pixels.pixel]}, {"length": wanted}, 1e-3)
 

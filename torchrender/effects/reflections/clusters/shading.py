@@ -13,7 +13,6 @@ from torchrender.clock import StepClock
 from torchrender.effects.reflections.clusters.images import ClusterAnswer
 from torchrender.effects.reflections.clusters.options import ClusterOptions
 from torchrender.effects.reflections.reflectors import (
-    START,
     Onward,
     RayShader,
     ReflectedRays,
@@ -157,8 +156,7 @@ class Shading:
         if not len(rows):
             return self._shader(rays, hits, self._onward), hits
         if self._traces and self._caster is not None:
-            start = START * rays.width[rows]
-            found = self._caster().first_hit(rays.origin[rows], rays.direction[rows], t_min=start)
+            found = rays.select(rows).first_hits(self._caster())
             hits = RayHits(
                 hits.t.index_copy(0, rows, found.t),
                 hits.triangle.index_copy(0, rows, found.triangle),
