@@ -30,9 +30,7 @@ class Attack:
     prepare: Callable[[], Any] = lambda: None
     slower: float = 1.10  # p95 of honest sessions at most, as a multiple of what it is without
     longer: float = 1.0  # goes on so many times as long as others at most
-    watched: float = (
-        1.0  # at least so many times as long as without it: what comes once must not be all that is watched
-    )
+    watched: float = 1.0  # at least so many times as long as without it, for what comes once must not be all of it
 
 
 PICTURE = {"scene": "cornell_box", "width": 64, "height": 48}
