@@ -12,8 +12,9 @@ import torch
 from torchrender.cli.main import main
 from torchrender.scene.environment import Environment
 from torchrender.scene.load import load
+from torchrender.scene.procedural import SCENES
 from torchrender.tuning.measure import Measured
-from torchrender.tuning.systems.environment import light_of_pixels, small_sky
+from torchrender.tuning.systems.environment import glossy, light_of_pixels, small_sky
 from torchrender.tuning.systems.system import System, Trial, measure_system
 from torchrender.tuning.systems.table import SYSTEMS
 from torchrender.tuning.tradeoff import SUMMARIES, SceneCurves, label_places, plot, subjects_named, table
@@ -90,6 +91,15 @@ def test_light_of_pixels_is_the_light_of_the_map() -> None:
         total += light.irradiance * (normals @ -light.direction).clamp_min(0.0)[:, None]
     wanted = Environment(radiance=picture, intensity=2.0, rotation_deg=30.0).irradiance(normals)
     torch.testing.assert_close(total, wanted, rtol=0.01, atol=0.0)
+
+
+def test_surfaces_of_every_built_in_scene_become_glossy() -> None:
+    """Phong materials, too, whose own numbers metallic-roughness does not take."""
+    for name in SCENES:
+        before = load(name).materials
+        for old, new in zip(before, glossy(before), strict=True):
+            assert old.unlit or new.metallic is not None
+            assert torch.equal(old.diffuse, new.diffuse)
 
 
 def test_maps_of_an_environment_are_closer_than_even_light() -> None:

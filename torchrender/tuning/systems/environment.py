@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrender.raster import rasterize
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight
-from torchrender.scene.material import Material
+from torchrender.scene.material import PHONG, Material
 from torchrender.scene.model import Scene
 from torchrender.scene.sky.irradiance import latlong_directions, solid_angles
 from torchrender.shade import shade
@@ -45,10 +45,11 @@ def small_sky(sky: Environment) -> Environment:
 
 def glossy(materials: Sequence[Material]) -> tuple[Material, ...]:
     """The materials with their colours, in turn plastics and metals of several roughnesses."""
+    usual = {name: number for name, (number, _) in PHONG.items()}
     return tuple(
         material
         if material.unlit
-        else replace(material, metallic=float(number % 2), roughness=ROUGHNESS[number // 2 % len(ROUGHNESS)])
+        else replace(material, **usual, metallic=float(number % 2), roughness=ROUGHNESS[number // 2 % len(ROUGHNESS)])
         for number, material in enumerate(materials)
     )
 
