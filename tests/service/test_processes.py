@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Coroutine
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -22,7 +23,7 @@ from torchrender.kernels.threads import most_threads
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers import worker
-from torchrender_service.renderers.asked import Asked, Rank, rank_of
+from torchrender_service.renderers.asked import Asked, Rank, is_moving, rank_of
 from torchrender_service.renderers.jobs import (
     JOB_ENCODER,
     Bounds,
@@ -40,11 +41,15 @@ from torchrender_service.renderers.jobs import (
     View,
     WarmUp,
 )
+from torchrender_service.renderers.processes import pauses as pauses_module
+from torchrender_service.renderers.processes import process as process_module
 from torchrender_service.renderers.processes import start as processes
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
+from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
 from torchrender_service.renderers.processes.start import Kind, Spare
+from torchrender_service.renderers.streaming.ahead import first_keyframe
 from torchrender_service.renderers.worker import Needs, needs_of
 
 WORKER = """
@@ -129,6 +134,8 @@ def test_the_class_of_a_job_is_its_size() -> None:
     assert rank_of(URGENT) is Rank.STREAM
     assert rank_of(FindPixel(scene=SceneSource(id="x"), camera=CAMERA, x=0.5, y=0.5)) is Rank.GLANCE
     assert rank_of(FogInPhoto(photo=b"", marks=b"", format="png", max_pixels=1)) is Rank.BATCH
+    keyframes = [first_keyframe("one", SceneSource(id="x"), CAMERA, still=still) for still in (False, True)]
+    assert [is_moving(job) for job in (*keyframes, URGENT, QUICK)] == [True, False, False, False]
     assert CAMERA.width == 64
 
 
@@ -139,7 +146,7 @@ def sent(serial: int, job: Job, *, express: bool = False) -> SentTask:
 class Stage:
     """A renderer whose process is a small program."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, **kind: Any) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, pauses: Pauses | None = None, **kind: Any) -> None:
         begin = asyncio.create_subprocess_exec
 
         async def instead(*_: str, **rest: Any) -> asyncio.subprocess.Process:
@@ -151,7 +158,7 @@ class Stage:
         self.metrics = Metrics()
         given = {"name": "0", "memory_mb": 512, "job_s": 60.0, **kind}
         self.spare = Spare(Kind(**given))
-        self.renderer = RendererProcess(Kind(**given), 64, self.metrics, self.spare)
+        self.renderer = RendererProcess(Kind(**given), 64, self.metrics, spare=self.spare, pauses=pauses)
 
     def run(self, play: Coroutine[Any, Any, None]) -> None:
         async def whole() -> None:
@@ -247,6 +254,43 @@ def test_the_process_that_stands_ready_takes_the_place_of_one_that_died(monkeypa
         assert answer["did"] == "quick" and answer["after"] == ["WarmUp"], "its first picture was made before"
 
     stage.run(play())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="states of processes are told by /proc")
+def test_work_that_gives_way_stands_still_while_a_keyframe_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    moving = Tradeoff(name="hold")
+    monkeypatch.setattr(pauses_module, "LONGEST_S", 60.0)
+    monkeypatch.setattr(process_module, "is_moving", lambda job: job is moving)
+    pauses = Pauses()
+    streams, aside = Stage(monkeypatch, pauses), Stage(monkeypatch, pauses, name="aside", gives_way=True)
+
+    async def state(wanted: bool) -> None:
+        """Wait until it stands still, or runs or waits."""
+        while (Path(f"/proc/{aside.renderer.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T") != wanted:
+            await asyncio.sleep(0.01)
+
+    async def play() -> None:
+        await aside.ready()
+        keyframe = await streams.begun(moving)
+        await state(False)
+        work = await aside.begun(HOLD)
+        await state(True)
+        keyframe.cancel()
+        await state(False)
+        picture = await streams.begun(HOLD)
+        await state(False)
+        for task in (work, picture):
+            task.cancel()
+        await asyncio.gather(keyframe, work, picture, return_exceptions=True)
+
+    async def both() -> None:
+        aside.renderer.start()
+        try:
+            await play()
+        finally:
+            await aside.renderer.stop()
+
+    streams.run(both())
 
 
 def test_a_job_whose_client_left_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import logging
 
@@ -10,6 +11,7 @@ import pytest
 
 from torchrender.errors import OptionError
 from torchrender_service.errors import ServiceError
+from torchrender_service.imports import lasting_imports
 from torchrender_service.logs import JsonLines
 from torchrender_service.metrics import Metrics
 from torchrender_service.settings import read_settings
@@ -122,3 +124,17 @@ async def put_and_get() -> None:
 
 def test_kept_containers_make_room_for_newer_ones():
     asyncio.run(put_and_get())
+
+
+def test_the_collector_leaves_imports_alone():
+    gc.unfreeze()
+    try:
+        with lasting_imports():
+            assert not gc.isenabled()
+            made = [[] for _ in range(1000)]
+        assert gc.isenabled() and gc.get_freeze_count() >= len(made)
+        with pytest.raises(ImportError), lasting_imports():
+            raise ImportError
+        assert gc.isenabled()
+    finally:
+        gc.unfreeze()

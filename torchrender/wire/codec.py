@@ -11,7 +11,6 @@ import io
 import threading
 import zlib
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from torch import Tensor
 from torchrender.checks import check_choice
 from torchrender.errors import OptionError
 from torchrender.kernels.warp.depth_codec import decode_planes, display_codes, encode_planes, fill_blocks
-from torchrender.numerics.color import srgb_from_linear
 from torchrender.wire.errors import CodecError
 from torchrender.wire.messages import Bits
 
@@ -34,7 +32,6 @@ Array = np.ndarray[Any, Any]
 DEPTH_CODECS = ("pz1",)
 COLOR_CODECS = ("jpeg", "webp")
 BITS: tuple[Bits, ...] = (12, 14, 16)
-_TABLE_SIZE = 2**16
 _BLOCK = 16
 """Pixels of a JPEG block with halved colour resolution."""
 _FLOAT_ERROR = 2.0**-22
@@ -107,7 +104,7 @@ def display_bytes(radiance: Tensor, gain: float = 1.0) -> Array:
     """(H,W,3) uint8 sRGB of linear light (H,W,3) times ``gain``, clamped; within one code of exact rounding."""
     values = np.ascontiguousarray(radiance.detach().numpy(), dtype=np.float32)
     codes = np.zeros(values.shape, np.uint8)
-    display_codes(values.reshape(-1), gain, _display_table(), codes.reshape(-1))
+    display_codes(values.reshape(-1), float(gain), codes.reshape(-1))
     return codes
 
 
@@ -185,9 +182,3 @@ def _decompressed(data: bytes | memoryview, size: int, what: str) -> bytes:
     if len(raw) != size:
         raise CodecError(f"{what} must unpack to {size} bytes, got {len(raw)}")
     return bytes(raw)
-
-
-@cache
-def _display_table() -> Array:
-    linear = torch.linspace(0.0, 1.0, _TABLE_SIZE, dtype=torch.float64)
-    return np.asarray((srgb_from_linear(linear) * 255.0 + 0.5).to(torch.uint8).numpy())

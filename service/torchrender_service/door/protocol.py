@@ -27,6 +27,9 @@ MAX_HEAD = 64 * 1024
 """Bytes of the address of a request, and of all its headers."""
 LAST_S = 1.0
 """What still comes is read so long after a last answer: a reset would take it from the peer."""
+MAX_DROPPED = 2**22
+"""Bytes of a body that are read, and dropped, after its request was answered. Many clients look for the answer once all
+is sent; but to read whatever somebody sends is work without end."""
 LATE = ServiceError(408, "late", "the request did not come in time")
 MALFORMED = ServiceError(400, "malformed", "this is no request of HTTP/1.1 that the server understands")
 LONG_ADDRESS = ServiceError(414, "address-too-long", f"an address may have at most {MAX_HEAD} bytes")
@@ -73,6 +76,7 @@ class PatientProtocol(HttpToolsProtocol):
         self.address = peer_of(transport.get_extra_info("peername"))
         self.deadlines = Deadlines(self.settings)
         self._body = 0  # bytes since the deadline began
+        self._dropped = 0  # bytes of a body whose request was answered
         self._unsent = 0  # bytes of the answer when its deadline began
         self._head = 0  # bytes of headers that are there
         self._head_came = 0  # bytes since the request began, addresses and unfinished headers included
@@ -124,6 +128,17 @@ class PatientProtocol(HttpToolsProtocol):
         self.transport.write_eof()
         self.loop.call_later(LAST_S, self.transport.abort)
 
+    def _read_no_more(self) -> None:
+        """The request was answered: whoever sends on may read that, and is waited for no longer than at any end."""
+        if self._ended:
+            return
+        self._ended = True
+        self.transport.pause_reading()
+        self.transport.write_eof()
+        self._unsent = self._left
+        self.deadlines = Deadlines(self.settings)
+        self.deadlines.begin("answer" if self._unsent else "close")
+
     def on_url(self, url: bytes) -> None:
         """A part of the address."""
         super().on_url(url)
@@ -152,13 +167,17 @@ class PatientProtocol(HttpToolsProtocol):
         self._in_head = False
         self.deadlines.end("header")
         self.deadlines.begin("body")
-        self._body = 0
+        self._body = self._dropped = 0
         self.visits.works(self)
         super().on_headers_complete()
 
     def on_body(self, body: bytes) -> None:
         """A part of its body is there."""
         super().on_body(body)
+        if self.cycle is not None and self.cycle.response_complete:
+            self._dropped += len(body)
+            if self._dropped > MAX_DROPPED:
+                self._read_no_more()
         self._body += len(body)
         if self._body >= PROGRESS:
             self._body = 0

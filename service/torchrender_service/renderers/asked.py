@@ -61,6 +61,11 @@ def rank_of(job: jobs.Job) -> Rank:
     return Rank.BATCH if pixels > INTERACTIVE_PIXELS else Rank.INTERACTIVE
 
 
+def is_moving(job: jobs.Job) -> bool:
+    """A keyframe that somebody moves by: the more even its time, the better."""
+    return isinstance(job, jobs.MakeKeyframe) and not job.still
+
+
 def is_free(job: jobs.Job) -> bool:
     """A picture without a budget: no pace that was learned for it goes astray where it takes longer or less long."""
     return isinstance(job, jobs.Render) and job.bounds.budget_ms is None and job.bounds.max_error is None

@@ -21,6 +21,7 @@ from torchrender_service.renderers.contract import RendererHandle
 from torchrender_service.renderers.jobs import Forget, Job, PhotoJob, WarmUp
 from torchrender_service.renderers.kernels import KernelPreparation
 from torchrender_service.renderers.places import Standing, place_of
+from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.processes.start import Process, Spare, kind_of
@@ -57,21 +58,24 @@ class Pool:
     """
 
     def __init__(self, settings: Settings, metrics: Metrics, first: Process | None = None) -> None:
-        room, aside = settings.waiting, {"eager": False, "express": False}
-        self._spare = Spare(kind_of(settings, "spare")) if settings.spare_renderer else None
+        room, aside = settings.waiting, {"eager": False, "express": False, "gives_way": True}
+        pauses = Pauses(settings.renderer_count)
+        self._spare = Spare(kind_of(settings, "spare"), pauses) if settings.spare_renderer else None
         self._renderers = [
-            RendererProcess(kind_of(settings, str(k)), room, metrics, self._spare, None if k else first)
+            RendererProcess(
+                kind_of(settings, str(k)), room, metrics, spare=self._spare, first=None if k else first, pauses=pauses
+            )
             for k in range(settings.renderer_count)
         ]
         self._batch = self._renderers[-1]
         if settings.batch_renderer:
             batch = kind_of(settings, "batch", job_s=settings.batch_s, niceness=settings.batch_niceness, **aside)
-            self._batch = RendererProcess(batch, room, metrics)
+            self._batch = RendererProcess(batch, room, metrics, pauses=pauses)
         # A file that is built to exhaust memory or time only stops this one. The other cores are for those that
         # somebody looks at.
         limits = {"memory_mb": settings.memory_mb // 2, "job_s": settings.inspect_s, "threads": 1}
         inspector = kind_of(settings, "inspector", niceness=INSPECTOR_NICENESS, **limits, **aside)
-        self._inspector = RendererProcess(inspector, room, metrics)
+        self._inspector = RendererProcess(inspector, room, metrics, pauses=pauses)
         self._kernels = KernelPreparation()
         self._warm: set[str] = set()
         self._assigned: set[AssignedProcess] = set()

@@ -6,7 +6,6 @@ render, survives what a scene may do to memory, and can be stopped.
 
 from __future__ import annotations
 
-import gc
 import logging
 import os
 import signal
@@ -22,6 +21,7 @@ import msgspec
 
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError, out_of_memory
+from torchrender_service.imports import lasting_imports
 from torchrender_service.renderers.jobs import (
     JOB_DECODER,
     REPLY_ENCODER,
@@ -74,15 +74,14 @@ def main() -> int:
         give_way(niceness)
     # Interrupts from a terminal reach the whole group; the server ends its renderers itself.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    from torchrender_service.renderers.job_runner import JobRunner
+    with lasting_imports():
+        from torchrender_service.renderers.job_runner import JobRunner
 
     limit_mb = int(os.environ.get("TORCHRENDER_RENDERER_LIMIT_MB", "0"))
     runner = JobRunner(limit_mb, textures_mb=int(os.environ.get("TORCHRENDER_RENDERER_TEXTURES_MB", "0")))
     if niceness <= NICENESS:  # not before: streams wait until it has started
         give_way(niceness)
     _limit_memory(limit_mb)
-
-    gc.freeze()  # what is imported stays
 
     def work(task: SentTask) -> None:
         job, reply = _reply(runner, desk, task)

@@ -16,9 +16,10 @@ from typing import Any
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
-from torchrender_service.renderers.asked import Asked, Rank, rank_of
+from torchrender_service.renderers.asked import Asked, Rank, is_moving, rank_of
 from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, SceneSource, Task
-from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting
+from torchrender_service.renderers.processes.pauses import Pauses
+from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting, fail, more_urgent
 from torchrender_service.renderers.processes.start import (
     NO_JOB,
     Kind,
@@ -58,14 +59,23 @@ class RendererProcess:
         room: jobs that may wait.
         spare: what stands ready for its next life.
         first: of its first life, begun already.
+        pauses: told when keyframes are made, and when there is work that gives way to them.
     """
 
     def __init__(
-        self, kind: Kind, room: int, metrics: Metrics, spare: Spare | None = None, first: Process | None = None
+        self,
+        kind: Kind,
+        room: int,
+        metrics: Metrics,
+        *,
+        spare: Spare | None = None,
+        first: Process | None = None,
+        pauses: Pauses | None = None,
     ) -> None:
         self.kind = kind
         self._spare = spare
         self._first = first
+        self._pauses = pauses or Pauses()
         self._metrics = metrics
         self.queue = FairQueue(room)
         self._running: dict[int, Running] = {}
@@ -151,10 +161,10 @@ class RendererProcess:
     def _pump(self) -> None:
         """Give the process what it may do now."""
         while self.ready:
-            under_way = self._running.values()
-            if not under_way:
+            ranks = [running.waiting.rank for running in self._running.values()]
+            if not ranks:
                 waiting, express = self.queue.take(), False
-            elif self.kind.express and len(under_way) == 1 and (most := _more_urgent(*under_way)) is not None:
+            elif self.kind.express and len(ranks) == 1 and (most := more_urgent(ranks[0])) is not None:
                 waiting, express = self.queue.take(most), True
             else:
                 return
@@ -169,6 +179,13 @@ class RendererProcess:
         running = self._running[serial] = Running(waiting, express, now)
         running.timer = asyncio.get_running_loop().call_later(self.kind.job_s, self._too_slow, serial)
         self._write(Task(serial=serial, job=waiting.job, express=express, threads=waiting.asked.threads))
+        self._tell_pauses()
+
+    def _tell_pauses(self) -> None:
+        if self.kind.gives_way:
+            (self._pauses.join if self._running else self._pauses.leave)(self._process)
+        else:
+            self._pauses.note(self.name, any(is_moving(one.waiting.job) for one in self._running.values()))
 
     def _write(self, message: Task | Cancel) -> None:
         if self._process is not None:
@@ -184,7 +201,7 @@ class RendererProcess:
             return
         running.late = True
         detail = f"took longer than {self.kind.job_s:g} s: ask for a smaller picture"
-        _fail(running.waiting, ServiceError(422, "too-slow", detail))
+        fail(running.waiting, ServiceError(422, "too-slow", detail))
         self._write(Cancel(serial=serial))
         running.timer = asyncio.get_running_loop().call_later(STOP_S, self._too_slow, serial)
 
@@ -194,6 +211,7 @@ class RendererProcess:
             return
         if running.timer is not None:
             running.timer.cancel()
+        self._tell_pauses()
         waiting = running.waiting
         self._metrics.observe("job_seconds", time.monotonic() - running.begin, kind=type(waiting.job).__name__)
         self._metrics.set("renderer_memory_bytes", reply.memory_mb * 2**20, renderer=self.name)
@@ -202,7 +220,7 @@ class RendererProcess:
             self._metrics.count("renderer_evictions", reply.evictions - self._evicted, renderer=self.name)
         self._evicted = reply.evictions
         if reply.failure is not None:
-            _fail(waiting, ServiceError(reply.failure.status, reply.failure.kind, reply.failure.detail))
+            fail(waiting, ServiceError(reply.failure.status, reply.failure.kind, reply.failure.detail))
             return
         if isinstance(source := getattr(waiting.job, "scene", None), SceneSource):
             self._scenes.add(source.id)
@@ -225,7 +243,7 @@ class RendererProcess:
         """Take no more jobs, and give back those that have not begun."""
         self._draining = True
         for waiting in self.queue.drain():
-            _fail(waiting, ServiceError(503, "stopping", "the server is stopping", retry_after_s=RETRY_S))
+            fail(waiting, ServiceError(503, "stopping", "the server is stopping", retry_after_s=RETRY_S))
         while self._running and not self._stopped:
             await asyncio.sleep(0.02)
 
@@ -285,12 +303,13 @@ class RendererProcess:
 
     def _fail_all(self, error: ServiceError, *, queued: bool) -> None:
         running, self._running = self._running, {}
+        self._tell_pauses()
         for one in running.values():
             if one.timer is not None:
                 one.timer.cancel()
-            _fail(one.waiting, error)
+            fail(one.waiting, error)
         for waiting in self.queue.drain() if queued else []:
-            _fail(waiting, error)
+            fail(waiting, error)
 
     async def _begin(self) -> None:
         """Start the process and wait until it says that it is there; or take the one that stands ready."""
@@ -305,15 +324,3 @@ class RendererProcess:
     async def _end(self) -> None:
         process, self._process = self._process, None
         await end_process(process)
-
-
-def _fail(waiting: Waiting, error: ServiceError) -> None:
-    if not waiting.result.done():
-        copied = ServiceError(error.status, error.kind, error.detail, retry_after_s=error.retry_after_s)
-        waiting.result.set_exception(copied)
-
-
-def _more_urgent(running: Running) -> Rank | None:
-    """The least urgent class whose jobs need not wait for the one that runs; None: all wait."""
-    rank = running.waiting.rank
-    return Rank.STREAM if rank > Rank.STREAM else Rank.GLANCE if rank is Rank.STREAM else None

@@ -114,3 +114,15 @@ class FairQueue:
 
     def _oldest(self, rank: Rank) -> float:
         return min(jobs[0].since for jobs in self._classes[rank].values())
+
+
+def fail(waiting: Waiting, error: ServiceError) -> None:
+    """Tell whoever waits for a job that it has failed."""
+    if not waiting.result.done():
+        copied = ServiceError(error.status, error.kind, error.detail, retry_after_s=error.retry_after_s)
+        waiting.result.set_exception(copied)
+
+
+def more_urgent(rank: Rank) -> Rank | None:
+    """The least urgent class whose jobs need not wait for one of this class that runs; None: all wait."""
+    return Rank.STREAM if rank > Rank.STREAM else Rank.GLANCE if rank is Rank.STREAM else None

@@ -12,6 +12,7 @@ from typing import Any
 
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.jobs import JOB_ENCODER, Cancel, Task, WarmUp
+from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.worker import LENGTH
 from torchrender_service.settings import Settings
@@ -21,6 +22,8 @@ START_S = 300.0
 """On a machine that has much else to do; ending it sooner would only begin the same again."""
 NEXT_SPARE_S = 3.0
 """After one was taken: whoever took it has more to do now than the next spare one."""
+FIRST_PICTURE_S = 4.0
+"""So long it gives way to keyframes once it has started: its first picture takes about as long where it does."""
 MAX_REPLY_BYTES = 2**32
 NO_JOB = 0
 """Jobs are numbered from the next one on."""
@@ -39,6 +42,7 @@ class Kind:
     niceness: int = 2
     eager: bool = True  # runs from the start, not from its first job
     express: bool = True  # keyframes need not wait for the job that runs
+    gives_way: bool = False  # stands still while keyframes are made elsewhere
 
 
 def kind_of(settings: Settings, name: str, **changes: Any) -> Kind:
@@ -130,8 +134,9 @@ class Spare:
     """A process of the kind that streams have, already started, its first picture made or on the way: what a new one
     needs most of its time for is done."""
 
-    def __init__(self, kind: Kind) -> None:
+    def __init__(self, kind: Kind, pauses: Pauses | None = None) -> None:
         self._kind = kind
+        self._pauses = pauses or Pauses()
         self._process: Process | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -145,7 +150,10 @@ class Spare:
         process, self._process = self._process, None
         if process is None or process.returncode is not None:
             return None
-        self.prepare(NEXT_SPARE_S)
+        self._pauses.leave(process)
+        if self._task is not None:
+            self._task.cancel()
+        self._task = asyncio.create_task(self._start(NEXT_SPARE_S))
         return process
 
     @property
@@ -163,9 +171,14 @@ class Spare:
 
     async def _start(self, wait_s: float) -> None:
         await asyncio.sleep(wait_s)
+        process = await begin_process(self._kind)
+        self._pauses.join(process)
         try:
-            self._process = await start_process(self._kind)
+            self._process = await greeted(process)
             # Whoever takes it passes over this answer, which has the number of no job of theirs.
             write_message(self._process, Task(serial=NO_JOB, job=WarmUp(), threads=1))
+            await asyncio.sleep(FIRST_PICTURE_S)
         except ServiceError as error:
             LOG.warning("no renderer stands ready: %s", error.detail)
+        finally:
+            self._pauses.leave(process)
