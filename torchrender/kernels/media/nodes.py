@@ -66,7 +66,7 @@ def falloff(kind, light, r2, along, d, offset):
         cosine = toward / r
         if kind == SPOT:
             share = min(max((cosine - light[OUTER]) / max(light[INNER] - light[OUTER], F(1e-6)), F(0.0)), F(1.0))
-            return value * share * share * (F(3.0) - F(2.0) * share)
+            return value * share * share
         near = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
         return near * light[AREA] * max(cosine, F(0.0))
     return value
