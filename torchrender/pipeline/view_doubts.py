@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import torch
@@ -22,6 +21,8 @@ LOOKS = 24
 """Pixels along a side of a picture that are asked what they see."""
 CLOSE = 1e-6
 """Near plane that cuts nothing off, as a share of the camera's or of the scene's size, whichever is less."""
+FARTHEST = 1e18
+"""Far plane that cuts nothing off, also of orthographic cameras, whose far plane is finite; scene units."""
 INSIDE = 0.9
 """Winding number of an object about the eye from which on the eye is within it."""
 
@@ -120,7 +121,7 @@ def _before_the_near_plane(scene: Scene, camera: Cameras) -> str:
     near, far = float(camera.near[0]), float(camera.far[0])
     # Corners of a triangle that fills the picture lie beside it.
     few = camera.scaled(min(1.0, LOOKS / min(camera.width, camera.height)))
-    limits = {"near": few.near.clamp_max(scene.diagonal or 1.0) * CLOSE, "far": torch.full_like(few.far, math.inf)}
+    limits = {"near": few.near.clamp_max(scene.diagonal or 1.0) * CLOSE, "far": torch.full_like(few.far, FARTHEST)}
     hit = rasterize_visibility(scene.geometry, replace(few, **limits))
     ahead = torch.cat([ahead, hit.depth[hit.covered].double()])
     if not len(ahead):
