@@ -121,8 +121,8 @@ def _before_the_near_plane(scene: Scene, camera: Cameras) -> str:
     near, far = float(camera.near[0]), float(camera.far[0])
     # Corners of a triangle that fills the picture lie beside it.
     few = camera.scaled(min(1.0, LOOKS / min(camera.width, camera.height)))
-    limits = {"near": few.near.clamp_max(scene.diagonal or 1.0) * CLOSE, "far": torch.full_like(few.far, FARTHEST)}
-    hit = rasterize_visibility(scene.geometry, replace(few, **limits))
+    close, farthest = few.near.clamp_max(scene.diagonal or 1.0) * CLOSE, torch.full_like(few.far, FARTHEST)
+    hit = rasterize_visibility(scene.geometry, replace(few, near=close, far=farthest))
     ahead = torch.cat([ahead, hit.depth[hit.covered].double()])
     if not len(ahead):
         return ""
