@@ -52,6 +52,77 @@ def test_clear_air_is_the_picture_without_media() -> None:
     assert not torch.equal(tr.render(scene, SMALL).radiance, clear)
 
 
+@pytest.mark.parametrize("outer_deg", [0.5, 0.05, 0.01])
+def test_the_light_of_a_beam_in_thin_air_is_that_of_its_cone(outer_deg: float) -> None:
+    """Seen from the side, 5 units below the lamp: the cone's share over its disc, of which cosines have no digits."""
+    beam = tr.SpotLight(
+        position=[0, 5, 0], direction=[0, -1, 0], intensity=outer_deg**-2.0, inner_deg=0.0, outer_deg=outer_deg
+    )
+    air = fog(low=[-50, -50, -50], high=[50, 50, 50], scattering=1e-4, absorption=0.0)
+    width = 12.0 * math.tan(math.radians(outer_deg))
+    camera = Cameras.orthographic_view([0, 0, 10], [0, 0, 0], width=41, height=3, view_height=3 / 41 * width)
+    image = tr.render(Scene(lights=(beam,), media=(air,)), camera, options=RenderOptions(scattering=ALL))
+    # The mean over a disc of the square of 1 - (r / R)^2 is 1/3; E = I / 25, and 1 / 4 pi of it goes to the eye.
+    disc = math.pi * (5 * math.tan(math.radians(outer_deg))) ** 2
+    wanted = 1e-4 / (4 * math.pi) * outer_deg**-2.0 / 25 * disc / 3
+    found = float(image.radiance[0, 1, :, 0].double().sum()) * width / 41
+    assert found == pytest.approx(wanted, rel=0.02)
+
+
+@pytest.mark.parametrize("way", ["traced", "clustered"])
+def test_mirrors_in_a_medium_show_what_it_leaves_and_not_less(way: str) -> None:
+    """A periscope of two mirrors under light from everywhere, which the medium keeps from them, and they replace.
+
+    It ends behind the mirrors: ways from one mirror to the next are the last that count.
+    """
+
+    def square(middle: tuple[float, ...], up: tuple[float, ...], material: int) -> tr.Mesh:
+        along, up, middle = (torch.tensor(v, dtype=torch.float64) for v in ((1.0, 0, 0), up, middle))
+        corners = [middle + x * along + y * up for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        return tr.Mesh(vertices=torch.stack(corners), faces=[[0, 1, 2], [0, 2, 3]], material=material)
+
+    mirror = Material(metallic=1.0, roughness=0.0, diffuse=[1.0, 1.0, 1.0])
+    shining = Material(diffuse=[0.0, 0.0, 0.0], emission=[1.0, 0.5, 0.25])
+    scene = Scene(
+        meshes=[square((0, 0, 0), (0, 1, -1), 0), square((0, 4, 0), (0, 1, -1), 0), square((0, 4, -6), (0, 1, 0), 1)],
+        materials=[mirror, shining],
+        ambient=torch.full((3,), 0.35),
+        media=[fog(low=[-50, -50, -1e-6], high=[50] * 3, scattering=0.0, absorption=0.1)],
+    )
+    camera = Cameras.look_at([0, 0, 5], [0, 0, 0], width=5, height=5, fov_deg=1.0)
+    image = tr.render(scene, camera, options=RenderOptions(reflections=way))
+    wanted = math.exp(-0.9) * torch.tensor([1.0, 0.5, 0.25])
+    torch.testing.assert_close(image.radiance[0, 2, 2], wanted, rtol=2e-3, atol=1e-5)
+
+
+def test_what_mirrors_of_phong_keep_of_lamps_is_darkened_by_the_medium_once() -> None:
+    """A mirror that shows nothing: all that is left is what the lamp gives it."""
+    scene = Scene(
+        meshes=[tr.Mesh.plane(2.0)],
+        materials=[Material(diffuse=[0.6, 0.6, 0.6], specular=0.5)],
+        lights=[tr.PointLight(position=[0, 4, 0], intensity=10)],
+    )
+    camera = Cameras.look_at([1, 3, 0], [0, 0, 0], width=5, height=5, fov_deg=1.0)
+    air = fog(low=[-50] * 3, high=[50] * 3, scattering=0.0, absorption=0.1)
+    clear, image = (tr.render(replace(scene, media=media), camera).radiance[0, 2, 2] for media in ((), (air,)))
+    assert float(clear.min()) > 0.01
+    torch.testing.assert_close(image, math.exp(-0.1 * (4 + 10**0.5)) * clear, rtol=5e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("half", [1e7, 1e12])
+def test_air_without_end_is_air_that_ends_where_nothing_is_seen_any_more(half: float) -> None:
+    lamp = tr.PointLight(position=[1, 3, 2], intensity=10)
+    scene = Scene(meshes=[tr.Mesh.plane(6), tr.Mesh.box(1.0)], lights=[lamp])
+    camera = Cameras.look_at([2, 1.5, 3], [0, 0.3, 0], width=32, height=24)
+    for way in ("walk", "slices"):
+        options = RenderOptions(scattering=ScatterOptions(way=way, block=1))
+        near, far = (
+            tr.render(replace(scene, media=(fog(low=[-h] * 3, high=[h] * 3),)), camera, options=options).radiance
+            for h in (300.0, half)
+        )
+        assert float((near - far).abs().mean()) < 5e-3 * float(near.mean()), way
+
+
 def test_surfaces_are_lit_and_seen_through_the_medium() -> None:
     """Absorption alone: direct light loses on both ways, exactly."""
     medium = fog(scattering=torch.zeros(3), absorption=torch.tensor([0.1, 0.2, 0.4]))

@@ -125,6 +125,10 @@ def test_what_lies_before_the_near_plane_is_told() -> None:
     told = r"camera 0 sees nothing: all of it ends .* before the near plane: give the camera near=.*, not 0.01"
     with pytest.warns(ViewWarning, match=told):
         tr.render(tiny, camera)
+    above = {"eye": [1e-4, 3e-3, 1e-4], "target": [0, 0, 0], "width": 32, "height": 32}
+    for view in (tr.Cameras.look_at(**above), tr.Cameras.orthographic_view(**above, view_height=1e-2)):
+        with pytest.warns(ViewWarning, match=told):
+            tr.render(scene(tr.Mesh.plane(1.0)), view)  # fills the picture: its corners lie beside it
     far = replace(CAMERA, near=torch.tensor(0.5), far=torch.tensor(1.0))
     with pytest.warns(ViewWarning, match=r"begins 2.5 ahead, behind the far plane: give the camera far=.*, not 1"):
         tr.render(scene(), far)

@@ -39,6 +39,14 @@ def test_a_medium_checks_itself() -> None:
             Medium(**{"low": LOW, "high": HIGH, **bad})
 
 
+@pytest.mark.parametrize("grid", [np.full((1, 1, 2), 3, np.uint16), [[[3, 3]]]])
+def test_the_density_of_a_grid_may_be_an_array_or_a_list(grid: object) -> None:
+    density = Medium(low=LOW, high=HIGH, density=grid).density
+    assert isinstance(density, torch.Tensor) and density.tolist() == [[[3.0, 3.0]]] and density.dtype == torch.float32
+    with pytest.raises(InputError, match="density must be numbers in rows"):
+        Medium(low=LOW, high=HIGH, density=[[[1.0, 2.0], [1.0]]])
+
+
 def test_empty_media_are_known() -> None:
     nothing = torch.zeros(3)
     assert Medium(low=LOW, high=HIGH, density=0.0).is_empty

@@ -159,7 +159,10 @@ def test_lights_normalise_and_check():
         SpotLight(position=torch.zeros(3), direction=torch.ones(3), inner_deg=40, outer_deg=30)
     spot = SpotLight(position=torch.zeros(3), direction=torch.tensor([0.0, -1, 0]), inner_deg=20, outer_deg=40)
     share = spot.cone(torch.cos(torch.deg2rad(torch.tensor([0.0, 19, 30, 41, 180]))))
-    assert share[:2].tolist() == [1, 1] and 0 < float(share[2]) < 1 and share[3:].tolist() == [0, 0]
+    assert share[:2].tolist() == [1, 1] and share[3:].tolist() == [0, 0]
+    # The shader of KHR_lights_punctual: clamp(cosine * scale + offset)^2, both numbers from the cosines of the cone.
+    inner, here, outer = (math.cos(math.radians(angle)) for angle in (20, 30, 40))
+    assert float(share[2]) == pytest.approx(((here - outer) / (inner - outer)) ** 2, rel=1e-5)
 
 
 def test_area_light_samples_are_cell_centres():

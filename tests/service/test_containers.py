@@ -82,6 +82,11 @@ def test_a_keyframe_holds_what_was_rendered(scene):
     assert float((received.camera.camera_from_world - camera.camera_from_world).abs().amax()) < 1e-12
 
 
+def test_a_picture_of_a_stream_tells_itself_in_a_line(scene):
+    told = repr(read(keyframe(scene, scene.camera(*SIZE), 0))[0])
+    assert "\n" not in told and "depth=float32 (48, 64)" in told and len(told) < 500
+
+
 def test_an_unmoved_camera_sees_the_picture_again(scene):
     """Better than 50 dB is asked for; colours travel without loss, so nothing is lost at all."""
     camera = scene.camera(width=SIZE[0], height=SIZE[1])

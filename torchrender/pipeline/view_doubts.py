@@ -19,6 +19,10 @@ from torchrender.scene.model import Scene
 
 LOOKS = 24
 """Pixels along a side of a picture that are asked what they see."""
+CLOSE = 1e-6
+"""Near plane that cuts nothing off, as a share of the camera's or of the scene's size, whichever is less."""
+FARTHEST = 1e18
+"""Far plane that cuts nothing off, also of orthographic cameras, whose far plane is finite; scene units."""
 INSIDE = 0.9
 """Winding number of an object about the eye from which on the eye is within it."""
 
@@ -114,9 +118,15 @@ def _before_the_near_plane(scene: Scene, camera: Cameras) -> str:
     pixels, z = camera.project(scene.geometry.vertices[:: max(1, scene.geometry.vertices.shape[0] // ASKED)])
     size = torch.tensor([camera.width, camera.height])
     ahead = z[0][((pixels[0] >= 0) & (pixels[0] <= size)).all(-1) & (z[0] > 0)]
+    near, far = float(camera.near[0]), float(camera.far[0])
+    # Corners of a triangle that fills the picture lie beside it.
+    few = camera.scaled(min(1.0, LOOKS / min(camera.width, camera.height)))
+    close, farthest = few.near.clamp_max(scene.diagonal or 1.0) * CLOSE, torch.full_like(few.far, FARTHEST)
+    hit = rasterize_visibility(scene.geometry, replace(few, near=close, far=farthest))
+    ahead = torch.cat([ahead, hit.depth[hit.covered].double()])
     if not len(ahead):
         return ""
-    least, most, near, far = float(ahead.min()), float(ahead.max()), float(camera.near[0]), float(camera.far[0])
+    least, most = float(ahead.min()), float(ahead.max())
     if most < near:
         told = f"all of it ends {most:.3g} ahead, before the near plane"
         return f"{told}: give the camera near={0.1 * least:.1g}, not {near:g}"

@@ -87,7 +87,10 @@ class DirectionalLight:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SpotLight:
-    """A point light within a cone; full inside ``inner_deg``, none outside ``outer_deg`` (half angles)."""
+    """A point light within a cone; full inside ``inner_deg``, none outside ``outer_deg`` (half angles).
+
+    Between them it is the square of a share that is linear in the cosine. Source: glTF extension KHR_lights_punctual.
+    """
 
     position: Tensor  # (3,) float64
     direction: Tensor  # (3,) normalised
@@ -126,7 +129,7 @@ class SpotLight:
         """The same for one minus the cosine: half the squared difference of unit vectors, exact in narrow cones."""
         inner, outer = self.versines
         share = ((outer - versine) / (outer - inner)).clamp(0.0, 1.0)
-        return share * share * (3.0 - 2.0 * share)
+        return share * share
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -35,8 +35,8 @@ def load(
         path_or_name: a path with a known suffix, or a name such as ``"city"``.
         size: triangles that a procedural scene should have, about; not for files.
         time: seconds into an animation; None: the pose that the file stands in, or the start of ``animation`` where
-            one is named. :meth:`Scene.at` goes on from there.
-        animation: its name or number; None: the first one.
+            one is named.
+        animation: its name or number; None: the first one. :meth:`Scene.at` plays it on.
         variant: name of a variant of the materials (KHR_materials_variants).
         subscene: name or number of one of several scenes in a glTF file; None: its default one.
         drop_invalid: leave vertices that are NaN or infinite out, with their faces, in place of an error.

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import as_vector, check_choice, check_finite, check_range
+from torchrender.checks import as_array, as_vector, check_choice, check_finite, check_range
 from torchrender.errors import InputError
 
 SCALES = ("both", "absorption")
@@ -60,13 +61,17 @@ class Medium:
             value = as_vector(f"medium {self.name!r}: {name}", getattr(self, name), dtype=dtype)
             object.__setattr__(self, name, value)
         if not bool((self.high > self.low).all()):
-            raise InputError(f"medium {self.name!r}: high must exceed low, got {self.low} and {self.high}")
+            low, high = self.low.tolist(), self.high.tolist()
+            raise InputError(f"medium {self.name!r}: high must exceed low, got {low} and {high}")
         for name in ("absorption", "scattering", "emission"):
             if bool((getattr(self, name) < 0).any()):
                 raise InputError(f"medium {self.name!r}: {name} must not be negative")
         check_range(f"medium {self.name!r}: asymmetry", self.asymmetry, -0.99, 0.99)
         check_choice(f"medium {self.name!r}: density_scales", self.density_scales, SCALES)
         check_range(f"medium {self.name!r}: falloff", self.falloff, 0.0)
+        if isinstance(self.density, np.ndarray | list | tuple):
+            grid = as_array(f"medium {self.name!r}: density", self.density, torch.float32)
+            object.__setattr__(self, "density", grid)
         self._check_density()
 
     def _check_density(self) -> None:

@@ -170,7 +170,7 @@ class Scene:
 
         Args:
             time: seconds; None: the pose that the file stands in.
-            animation: its name or number; None: the first one of each file.
+            animation: its name or number; None: the one that was named last, at first the first one of each file.
 
         Raises:
             InputError: no such animation, or a time that is not finite.
@@ -190,8 +190,9 @@ class Scene:
         return scene
 
     def looped(self, seconds: float) -> float:
-        """The time of :meth:`at` after so many seconds, if its first animations play again and again."""
-        length = max((m.animations[0].duration for m in self.motions if m.animations), default=0.0)
+        """The time of :meth:`at` after so many seconds, if what plays there plays again and again."""
+        playing = [m.animation(None) for m in self.motions]
+        length = max((one.duration for one in playing if one is not None), default=0.0)
         return seconds % length if length > 0 else 0.0
 
     # --------------------------------------------------------------- editing

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
+from torchrender.brief import brief
 from torchrender.buffers import DepthImages
 from torchrender.numerics.color import srgb_table
 from torchrender.scene.camera import Cameras
@@ -34,6 +35,8 @@ class KeyframeImage:
     depth: Tensor  # (H,W); +inf for sky and where there is nothing
     codes: Tensor  # (H,W,3) uint8 sRGB
     known: Tensor  # (H,W) bool: a sample or sky
+
+    __repr__ = brief
 
 
 def decode_keyframe(header: Keyframe, blobs: Sequence[memoryview], joined: memoryview) -> KeyframeImage:

@@ -62,6 +62,21 @@ def test_translations(tmp_path: Path, interpolation: str, values: Any, time: flo
         assert scene.meshes[1].vertices.tolist() == rest.meshes[1].vertices.tolist()
 
 
+def test_the_animation_that_was_named_plays_on(tmp_path: Path) -> None:
+    glb = animated("translation", [0.0, 1.0], [[0.0, 0, 0], [4.0, 0, 0]])
+    sampler = {"input": glb.accessor([0.0, 2.0]), "output": glb.accessor([[0.0, 0, 0], [0.0, 8.0, 0]])}
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    glb.json["animations"].append({"name": "Rise", "channels": [channel], "samplers": [sampler]})
+    path = glb.write(tmp_path / "a.glb")
+    (tmp_path / "rising.toml").write_text('[[geometry]]\nfile = "a.glb"\nanimation = "Rise"\n')
+    rest = corners(load(path))
+    for scene in (load(path, animation="Rise"), load(tmp_path / "rising.toml"), load(path).at(1.0, "Rise")):
+        np.testing.assert_allclose(corners(scene.at(0.5)), rest + np.array([0, 2.0, 0]), atol=1e-6)
+        assert scene.looped(2.5) == 0.5
+        np.testing.assert_allclose(corners(scene.at(0.5, "Walk").at(0.25)), rest + np.array([1.0, 0, 0]), atol=1e-6)
+    np.testing.assert_allclose(corners(load(path).at(0.5)), rest + np.array([2.0, 0, 0]), atol=1e-6)
+
+
 def rest_order(scene: tr.Scene) -> list[int]:
     """Which corner of the triangle each vertex is."""
     return [TRIANGLE.index(v) for v in scene.meshes[1].vertices.tolist()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -169,7 +168,7 @@ class LightTable:
         numbers[FADE] = light.range**-2
         if isinstance(light, SpotLight):
             numbers[AXIS : AXIS + 3] = light.direction.numpy()
-            numbers[OUTER], numbers[INNER] = (math.cos(math.radians(a)) for a in (light.outer_deg, light.inner_deg))
+            numbers[INNER], numbers[OUTER] = light.versines
             return cls(SPOT, numbers, light.intensity)
         assert isinstance(light, PointLight)
         return cls(LAMP, numbers, light.intensity)

@@ -29,7 +29,7 @@ def light_at(light, x, y, z, nearest):
     if light[0] == SPOT:
         cosine = -(dx * light[4] + dy * light[5] + dz * light[6])
         open_ = min(max((cosine - light[11]) / max(light[10] - light[11], 1e-6), 0.0), 1.0)
-        share *= open_ * open_ * (3.0 - 2.0 * open_)
+        share *= open_ * open_
     elif light[0] == RECTANGLE:
         share *= max(-(dx * light[4] + dy * light[5] + dz * light[6]), 0.0) * light[10]
     return dx, dy, dz, inverse, share

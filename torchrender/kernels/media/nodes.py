@@ -59,14 +59,16 @@ def falloff(kind, light, r2, along, d, offset):
     faded = r2 * light[FADE]
     value *= max(F(1.0) - faded * faded, F(0.0))
     if kind == SPOT or kind == RECT:
-        r = max(math.sqrt(r2), F(1e-20))
-        toward = light[AXIS] * (offset[0] + d[0] * along)
-        toward += light[AXIS + 1] * (offset[1] + d[1] * along)
-        toward += light[AXIS + 2] * (offset[2] + d[2] * along)
-        cosine = toward / r
-        if kind == SPOT:
-            share = min(max((cosine - light[OUTER]) / max(light[INNER] - light[OUTER], F(1e-6)), F(0.0)), F(1.0))
-            return value * share * share * (F(3.0) - F(2.0) * share)
+        inverse = F(1.0) / max(math.sqrt(r2), F(1e-20))
+        cosine, off = F(0.0), F(0.0)
+        for c in range(3):
+            toward, axis = (offset[c] + d[c] * along) * inverse, light[AXIS + c]
+            cosine += axis * toward
+            off += (toward - axis) * (toward - axis)
+        if kind == SPOT:  # one minus a cosine of float32 has no digits left in narrow cones
+            share = (light[OUTER] - F(0.5) * off) / (light[OUTER] - light[INNER])
+            share = min(max(share, F(0.0)), F(1.0))
+            return value * share * share
         near = F(1.0) / (r2 + light[AREA] * F(0.5 / math.pi)) if light[SQUARE] > F(0.0) else F(1.0)
         return near * light[AREA] * max(cosine, F(0.0))
     return value

@@ -16,8 +16,9 @@ DENSITY, FALLOFF, GROUND, G = 0, 1, 2, 3
 """Places in a medium's numbers."""
 
 PLACE, AXIS, OUTER, INNER, AREA, NEAREST, SQUARE, FADE = 0, 3, 6, 7, 8, 9, 10, 11
-"""Places in a light's numbers: where it is, where it looks or travels (unit), cosines of the cone, area, the distance
-below which it gets no brighter, whether it falls off with the squared distance (1 or 0), one over its squared range."""
+"""Places in a light's numbers: where it is, where it looks or travels (unit), one minus the cosines of the cone, area,
+the distance below which it gets no brighter, whether it falls off with the squared distance (1 or 0), one over its
+squared range."""
 LIGHT_NUMBERS = 12
 
 BIG: Any = np.float32(1e30)

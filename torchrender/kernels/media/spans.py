@@ -28,6 +28,58 @@ F: Any = np.float32
 
 
 @kernel(inline=True)
+def cone_span(light, o, d, begin, end):
+    """The part of a ray inside a spot's cone: begin, end; (1, 0) where there is none.
+
+    sin^2 (a.x)^2 >= cos^2 |x - a (a.x)|^2, x from the lamp, on the side of the axis a: a convex cone meets a line in
+    one piece. Narrow cones ask for what is across the axis apart from what is along it, counted from where the ray
+    comes closest.
+    """
+    pa, da = F(0.0), F(0.0)
+    for c in range(3):
+        pa += light[AXIS + c] * (o[c] - light[c])
+        da += light[AXIS + c] * d[c]
+    pd, dd = F(0.0), F(0.0)
+    for c in range(3):
+        q = d[c] - light[AXIS + c] * da
+        pd += (o[c] - light[c]) * q
+        dd += q * q
+    near = min(max(-pd / dd, begin), end) if dd > F(0.0) else begin
+    pa += near * da
+    pp, pd = F(0.0), F(0.0)
+    for c in range(3):
+        p, q = o[c] - light[c] + near * d[c] - light[AXIS + c] * pa, d[c] - light[AXIS + c] * da
+        pp += p * p
+        pd += p * q
+    cosine, sine2 = F(1.0) - light[OUTER], light[OUTER] * (F(2.0) - light[OUTER])
+    k = cosine * cosine
+    a, b, c2 = sine2 * da * da - k * dd, sine2 * pa * da - k * pd, sine2 * pa * pa - k * pp
+    root = b * b - a * c2
+    if abs(a) < F(1e-9) * sine2:
+        if abs(b) < F(1e-12) * sine2:
+            return (begin, end) if c2 >= F(0.0) and pa >= F(0.0) else (F(1.0), F(0.0))
+        at = near - c2 / (F(2.0) * b)
+        first, last = (at, end) if b > F(0.0) else (begin, at)
+    elif root <= F(0.0):
+        return (F(1.0), F(0.0)) if a < F(0.0) else ((begin, end) if pa > F(0.0) else (F(1.0), F(0.0)))
+    else:
+        root = math.sqrt(root)
+        low, high = near + (-b - root) / a, near + (-b + root) / a
+        low, high = min(low, high), max(low, high)
+        if a < F(0.0):
+            first, last = low, high
+        elif da > F(0.0):
+            first, last = high, end
+        else:
+            first, last = begin, low
+    first, last = max(first, begin), min(last, end)
+    if not last > first:
+        return F(1.0), F(0.0)
+    middle = F(0.5) * (first + last) - near
+    return (first, last) if pa + da * middle > F(0.0) else (F(1.0), F(0.0))
+
+
+@kernel(inline=True)
 def light_span(kind, light, o, d, begin, end):
     """The part of a ray that a light shines on: in its range, inside a spot's cone, before a rectangle."""
     if light[FADE] > F(0.0):
@@ -54,39 +106,7 @@ def light_span(kind, light, o, d, begin, end):
         return (max(begin, at), end) if rate > F(0.0) else (begin, min(end, at))
     if kind != SPOT:
         return begin, end
-    # (a.(x - p))^2 >= cos^2 |x - p|^2 on the side of the axis: a convex cone meets a line in one piece.
-    pa, da, pp, pd = F(0.0), F(0.0), F(0.0), F(0.0)
-    for c in range(3):
-        p = o[c] - light[c]
-        pa += light[AXIS + c] * p
-        da += light[AXIS + c] * d[c]
-        pp += p * p
-        pd += p * d[c]
-    k = light[OUTER] * light[OUTER]
-    a, b, c2 = da * da - k, pa * da - k * pd, pa * pa - k * pp
-    root = b * b - a * c2
-    if abs(a) < F(1e-9):
-        if abs(b) < F(1e-12):
-            return (begin, end) if c2 >= F(0.0) and pa >= F(0.0) else (F(1.0), F(0.0))
-        at = -c2 / (F(2.0) * b)
-        first, last = (at, end) if b > F(0.0) else (begin, at)
-    elif root <= F(0.0):
-        return (F(1.0), F(0.0)) if a < F(0.0) else ((begin, end) if pa > F(0.0) else (F(1.0), F(0.0)))
-    else:
-        root = math.sqrt(root)
-        low, high = (-b - root) / a, (-b + root) / a
-        low, high = min(low, high), max(low, high)
-        if a < F(0.0):
-            first, last = low, high
-        elif da > F(0.0):
-            first, last = high, end
-        else:
-            first, last = begin, low
-    first, last = max(first, begin), min(last, end)
-    if not last > first:
-        return F(1.0), F(0.0)
-    middle = F(0.5) * (first + last)
-    return (first, last) if pa + da * middle > F(0.0) else (F(1.0), F(0.0))
+    return cone_span(light, o, d, begin, end)
 
 
 @kernel(inline=True)

@@ -98,6 +98,10 @@ def walk_image(pyramid, levels, line, ends, spans, count):
     """
     u0, v0, q0, u1, v1, q1 = line
     ta, tb, wa, wb = ends
+    rows, columns = levels[0, 1], levels[0, 2]
+    # An end beside the image is there by rounding, by however much where it lies next to the light's plane.
+    u0, u1 = min(max(u0, F(-1.0)), F(columns + 1)), min(max(u1, F(-1.0)), F(columns + 1))
+    v0, v1 = min(max(v0, F(-1.0)), F(rows + 1)), min(max(v1, F(-1.0)), F(rows + 1))
     du, dv = u1 - u0, v1 - v0
     size = max(max(abs(du), abs(dv)), F(1e-3))
     inverse = F(1.0) / size
@@ -108,7 +112,6 @@ def walk_image(pyramid, levels, line, ends, spans, count):
     pu, pv = np.int64(du > F(0.0)), np.int64(dv > F(0.0))
     top = len(levels) - 1
     level = min(BEGIN, top)
-    rows, columns = levels[0, 1], levels[0, 2]
     along, lit, since, looks = F(0.0), False, ta, 0
     while along < size:
         ahead = along + BEYOND
@@ -191,11 +194,13 @@ def walk_lamp(images, n, ray, begin, end, spans, count):
 def walk_cube(images, o, d, begin, end, spans):
     """Lit parts of a ray around a point with several views, each of which has what it lies in front of most."""
     count, looks, t = np.int64(0), np.int64(0), begin
-    least = max(F(1e-6) * (end - begin), F(1e-6) * end)
     for _ in range(MOST_FACES):
         if not t < end:
             break
-        probe = min(t + least, end)
+        # Past the tie of two views: by an angle at the lamp, and by what numbers of float32 are off.
+        x, y, z, dx, dy, dz = in_view(images.views[0], o, d)
+        away = abs(x + dx * t) + abs(y + dy * t) + abs(z + dz * t)
+        probe = min(t + max(max(F(1e-6) * away, F(1e-6) * abs(t)), F(1e-12) * (end - begin)), end)
         best, size = -1, F(0.0)
         for n in range(images.views.shape[0]):
             m = images.views[n]

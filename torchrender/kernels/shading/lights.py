@@ -6,7 +6,7 @@ import math
 
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.records import CENTRE, PARALLEL, SLOT
-from torchrender.kernels.shading.simd import HALF, LEVEL, MOST_BENT, ONE, THREE, TINY, TWO, ZERO, angle, f4
+from torchrender.kernels.shading.simd import HALF, LEVEL, MOST_BENT, ONE, TINY, ZERO, angle, f4
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 GX, GY, GZ, SX, SY, SZ = (SLOT[n] for n in ("GX", "GY", "GZ", "SX", "SY", "SZ"))
@@ -119,6 +119,6 @@ def small_light(s, n, light):
         amount *= max(-(mx * ux + my * uy + mz * uz), ZERO) * area if centre else ONE
         wx, wy, wz = ux + ax, uy + ay, uz + az  # one minus a cosine of float32 has no digits left in narrow cones
         share = min(max((outer - HALF * (wx * wx + wy * wy + wz * wz)) * slope, ZERO), ONE)
-        amount *= share * share * (THREE - TWO * share) * s[VS + i]
+        amount *= share * share * s[VS + i]
         s[AM + i] = amount if above else ZERO
         s[LX + i], s[LY + i], s[LZ + i] = ux, uy, uz

@@ -22,14 +22,14 @@ from torchrender.effects.transparency.layers import Veil
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import SMALL_SHADOW, HardEffect, Law, Outputs, Subject, mean_over, no_lights
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY, has_ambient_light
-from torchrender.passes.light.direct_light import DIRECT_LIGHT
+from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
 from torchrender.passes.light.sky_shadow import SKY_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.mirrors.reflections import REFLECTIONS
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
-from torchrender.passes.picture.darkened import darkened
+from torchrender.passes.picture.darkened import change_of_hits, darkened
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.passes.settings import settings
@@ -96,8 +96,10 @@ def applies(outlook: Outlook) -> Verdict:
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """The lights' depth images, or rays."""
-    if isinstance(outlook.samples, RaySurface) or no_shadows(outlook) is not None:
+    """The lights' depth images, or rays; of what rays hit what mirrors change."""
+    if isinstance(outlook.samples, RaySurface):
+        return (MIRROR_SHARE,)
+    if no_shadows(outlook) is not None:
         return ()
     shadows = outlook.options.scattering.shadows
     if shadows == "rays":
@@ -156,15 +158,18 @@ def layer_before(
 
 def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illumination | None) -> Tensor | None:
     """What media take from the light that surfaces send and mirror; None: nothing."""
-    direct = frame[DIRECT_LIGHT]
-    darker = darkened(frame, samples) if frame.options.scattering.surfaces else None
-    mirrored = frame.get(REFLECTIONS)
-    if mirrored is None or illumination is None or isinstance(samples, RaySurface):
-        return None if darker is None else darker - direct
+    if isinstance(samples, RaySurface):
+        return change_of_hits(frame, samples) if frame.options.scattering.surfaces else None
+    direct, mirrored = frame[DIRECT_LIGHT], frame.get(REFLECTIONS)
+    darker = darkened(frame, samples, mirrors=mirrored is not None) if frame.options.scattering.surfaces else None
+    if mirrored is None or illumination is None:
+        return None if darker is None else darker.radiance - direct
     hazed = _hazed_mirrors(frame, samples, mirrored, illumination)
     if darker is None and hazed is mirrored:
         return None
-    after = blend_reflections(frame.scene, samples, direct if darker is None else darker, hazed)
+    if darker is not None and hazed.share is not None:
+        hazed = replace(hazed, share=darker.share)
+    after = blend_reflections(frame.scene, samples, direct if darker is None else darker.radiance, hazed)
     return after - blend_reflections(frame.scene, samples, direct, mirrored)
 
 

@@ -149,15 +149,16 @@ class Motion:
     root: Array = field(default_factory=lambda: np.eye(4))  # world from file
     worlds: Array | None = None  # (N,4,4) world from node; None: nothing is placed yet
     weights: Mapping[int, Array] = field(default_factory=dict)
+    chosen: int = 0  # the animation that plays where none is named: the one that was named last
 
     def animation(self, name: str | int | None) -> Animation | None:
-        """The animation of that name or number; None where none is named and there is none.
+        """The animation of that name or number, the chosen one where none is named; None where there is none.
 
         Raises:
             InputError: there is no such animation; the message lists those there are.
         """
         if name is None:
-            return self.animations[0] if self.animations else None
+            return self.animations[self.chosen] if self.animations else None
         if is_whole(name):
             if 0 <= name < len(self.animations):
                 return self.animations[name]
@@ -167,6 +168,15 @@ class Motion:
                 return found[0]
         known = ", ".join(repr(a.name) for a in self.animations) or "none"
         raise InputError(f"there is no animation {name!r}; known: {known}")
+
+    def choosing(self, name: str | int | None) -> Motion:
+        """The same, whose animation of that name or number plays from now on where none is named.
+
+        Raises:
+            InputError: as of :meth:`animation`.
+        """
+        animation = self.animation(name)
+        return self if animation is None else replace(self, chosen=self.animations.index(animation))
 
     def shifted(self, meshes: int, lights: int) -> Motion:
         """The same where the scene's meshes and lights come behind others."""

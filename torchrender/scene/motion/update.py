@@ -50,7 +50,8 @@ def at_time(state: Moving, time: float | None, animation: str | int | None) -> M
         if not known:
             motions.append(motion)
             continue
-        worlds, weights = posed(motion.nodes, motion.animation(animation), time, motion.root)
+        motion = motion.choosing(animation)
+        worlds, weights = posed(motion.nodes, motion.animation(None), time, motion.root)
         for part in motion.parts:
             if moves(motion, part, worlds, weights):
                 meshes[part.mesh] = bent(meshes[part.mesh], motion, part, worlds, weights)

@@ -54,7 +54,8 @@ def read_gltf(path: Path, data: bytes, choice: FileChoice = PLAIN_CHOICE) -> Sce
         raise SceneFileError(path, f"declares {total} triangles, the limit is {MAX_TRIANGLES}")
     moving = GltfMotion(file)
     motion = Motion(nodes=nodes, skins=tuple(moving.skins()), animations=tuple(moving.animations()))
-    animation = motion.animation(choice.animation)
+    motion = motion.choosing(choice.animation)
+    animation = motion.animation(None)
     if choice.time is not None and animation is None:
         file.notes.not_used("time: the file has no animation")
     elif choice.time is not None and animation is not None and (told := animation.beyond(choice.time)):
