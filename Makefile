@@ -33,8 +33,7 @@ demo: setup
 test: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python tests/side_by_side.py
 
 # Apart from "make test"; what was found is kept in build/mutants.jsonl, so it goes on where it was stopped.
 mutants: setup

@@ -13,6 +13,7 @@ import json
 import os
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ from typing import Any
 Key = tuple[str, str]  # kernel and its types as JSON
 SIDE = 48
 MORE = ".more"
+FILES = "torchrender.scene.files."
 
 
 class Recorder:
@@ -104,11 +106,15 @@ class Recorder:
         """The parts of what is being done; in a picture the passes that run."""
         if self.group != "render":
             return {self.group + self.suffix}
-        found, frame = set(), sys._getframe(2)
+        found, here = set(), threading.main_thread().ident
+        # A pass waits for threads that it has started.
+        frame = sys._getframe(2) if threading.get_ident() == here else sys._current_frames().get(here or 0)
         while frame is not None:
             name = frame.f_globals.get("__name__", "")
             if name.startswith("torchrender.passes.") and name.count(".") == 3:
                 found.add(f"render.{name.rpartition('.')[2]}{self.suffix}")
+            if name.startswith(FILES):
+                found.add(f"render.files{self.suffix}")
             frame = frame.f_back
         return found or {f"render.any{self.suffix}"}
 

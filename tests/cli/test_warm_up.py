@@ -100,11 +100,12 @@ def test_a_cold_picture_begins_before_its_scene_is_known(noted, monkeypatch, tmp
     for cached in (keys.cache_folder, keys.read_folders):
         cached.cache_clear()
     COLD.start("render")
-    COLD.begin()
+    COLD.begin(reads_file=False)
     told = capsys.readouterr().err
     assert told.startswith("compiling kernels, once, about ") and "0 of" in told
     begun = {use.kernel for use in noted[0]}
     assert "raster.tiles.render_tiles" in begun and "shadows.shadow_lookup.shadow_lookup" not in begun
+    assert not [name for name in begun if name.startswith(("meshes.crease.", "sky_shadows."))], "few scenes need them"
     assert COLD("raster.tiles.render_tiles") and {use.kernel for use in noted[1]} == begun, "while the scene is loaded"
     planned = []
     COLD.plan = lambda: planned.append(1) or ["gbuffer", "point_shadow"]
@@ -116,10 +117,21 @@ def test_a_cold_picture_begins_before_its_scene_is_known(noted, monkeypatch, tmp
     (tmp_path / warm_up.SIGN / "render_tiles-1.code").write_text("")
     count = len(noted)
     COLD.start("render")
-    COLD.begin()
+    COLD.begin(reads_file=True)
     assert len(noted) == count
     for cached in (keys.cache_folder, keys.read_folders):
         cached.cache_clear()
+
+
+def test_what_a_file_may_need_is_begun_with_or_asked_for_alone(noted, monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(keys, "read_folders", lambda: (tmp_path,))
+    COLD.start("render")
+    COLD.begin(reads_file=True)
+    assert {"raster.tiles.render_tiles", "meshes.crease.corner_groups"} <= {use.kernel for use in noted[0]}
+    COLD.start("render")
+    assert COLD("meshes.crease.corner_groups")
+    assert {use.kernel.rpartition(".")[0] for use in noted[1]} == {"meshes.crease"}
+    COLD.stop()
 
 
 def test_a_few_kernels_are_told_and_left_to_the_caller(monkeypatch, capsys) -> None:

@@ -91,6 +91,15 @@ def test_names_are_unique_and_twins_exist() -> None:
     assert all(case.twin in (None, BASE) for case in CASES)
 
 
+def test_cases_that_differ_in_view_or_light_have_vertices_that_float32_keeps() -> None:
+    """So they are not examined once more with rounded ones."""
+    usual = BY_NAME[BASE].subject().scene.geometry.vertices
+    assert torch.equal(usual, usual.float().double())
+    for case in CASES:
+        if case.about != "scene":
+            assert torch.equal(case.subject().scene.geometry.vertices, usual), case.name
+
+
 def test_every_effect_is_asked_about_most_of_its_cases() -> None:
     """A record whose cases are all skipped would examine nothing."""
     for effect in EFFECTS:

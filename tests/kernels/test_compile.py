@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 import os
@@ -131,6 +132,36 @@ def test_another_processor_gets_its_own_code(tmp_path) -> None:
     made = run(tmp_path, SUM, **other)
     assert made["sum"] == 30.0 and made["n"] > 0
     assert run(tmp_path, SUM)["n"] == run(tmp_path, SUM, **other)["n"] == 0
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_no_garbage_is_collected_while_a_kernel_is_compiled(before, monkeypatch) -> None:
+    """Afterwards it is as before, also where compiling fails and where helpers are compiled meanwhile."""
+    from numba.core.registry import CPUDispatcher
+
+    from torchrender.kernels.points.tree import levels_of
+
+    found = []
+
+    def compile_(_, sig):
+        found.append(gc.isenabled())
+        if sig == "outer":
+            levels_of.compile("inner")
+            found.append(gc.isenabled())
+        if sig == "wrong":
+            raise ValueError(sig)
+
+    monkeypatch.setattr(CPUDispatcher, "compile", compile_)
+    was = gc.isenabled()
+    (gc.enable if before else gc.disable)()
+    try:
+        levels_of.compile("outer")
+        assert found == [False] * 3 and gc.isenabled() == before
+        with pytest.raises(ValueError, match="wrong"):
+            levels_of.compile("wrong")
+        assert gc.isenabled() == before
+    finally:
+        (gc.enable if was else gc.disable)()
 
 
 def test_a_kernel_can_be_pickled() -> None:

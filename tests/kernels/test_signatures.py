@@ -82,6 +82,17 @@ def test_a_use_outside_the_record_is_seen() -> None:
     assert (name, kinds) not in {(use.kernel, use.arguments) for use in recorded()}
 
 
+def test_what_a_pass_has_done_by_threads_is_the_pass_s() -> None:
+    """Else every picture would have it compiled."""
+    code = "from threading import Thread\ndef run(work):\n    t = Thread(target=work)\n    t.start()\n    t.join()\n"
+    made = {"__name__": "torchrender.passes.light.some_pass"}
+    exec(code, made)
+    recorder = kernel_uses.Recorder()
+    with recorder.listening():
+        recorder.run("render", lambda: made["run"](lambda: tree.levels_of(np.int64(7))))
+    assert list(recorder.parts.values()) == [{"render.some_pass"}]
+
+
 def test_hooks_are_asked_in_their_block_alone() -> None:
     asked = []
     with hooks.before_compiling(lambda kernel: asked.append(kernel) is None):

@@ -88,8 +88,9 @@ def _render(arguments: argparse.Namespace) -> None:
         return
     if draws_points(arguments):
         return
-    if Path(arguments.scene).exists() or not Path(arguments.scene).suffix:
-        COLD.begin()
+    reads_file = Path(arguments.scene).exists()
+    if reads_file or not Path(arguments.scene).suffix:
+        COLD.begin(reads_file=reads_file)
     from torchrender.image import SUFFIXES
     from torchrender.images.files import numbered
     from torchrender.pipeline.options import RenderOptions

@@ -23,6 +23,8 @@ _NEEDS = {"points": ("points",), "voxelize": ("voxels",), "depth": ("depth",)}
 """Parts that commands need; others make pictures."""
 FIRST = ("render.any", "render.gbuffer")
 """What every picture needs: compiled while the scene is loaded and the picture is planned."""
+FILES = "render.files"
+"""What some files of scenes need while they are read."""
 SIGN = "raster.tiles"
 """Folder of code without which no picture was made yet."""
 
@@ -93,8 +95,10 @@ class ColdStart:
         self._wider = False
         self._told = False
 
-    def begin(self) -> None:
-        """A picture will be made: where nothing is compiled yet, begin with what every picture needs."""
+    def begin(self, *, reads_file: bool) -> None:
+        """A picture will be made: where nothing is compiled yet, begin with what every picture needs, and what reading
+        a file may need.
+        """
         from torchrender.kernels.keys import read_folders
 
         if any(any((folder / SIGN).glob("*.code")) for folder in read_folders()):
@@ -103,7 +107,7 @@ class ColdStart:
         from torchrender.kernels.warm_up import expected_seconds, missing
 
         self._tell(expected_seconds(use for use in recorded() if use.serves({"render"})))
-        self._add(missing(FIRST))
+        self._add(missing((*FIRST, FILES) if reads_file else FIRST))
 
     def stop(self) -> None:
         """End a command: what was not needed in the end is not compiled."""
@@ -167,5 +171,5 @@ class ColdStart:
                 return self._planned
             finally:
                 self.plan = plan
-        first = frozenset(FIRST)
-        return set(FIRST) if any(u.kernel == kernel and u.serves(first) for u in recorded()) else {"render"}
+        known = (set(FIRST), {FILES})
+        return next((p for p in known if any(u.kernel == kernel and u.serves(p) for u in recorded())), {"render"})

@@ -22,7 +22,8 @@ PACKAGE = "torchrender.kernels."
 GROUPS = ("render", "depth", "points", "voxels", "serve")
 """What kernels can be compiled for. The parts of ``render`` are named ``render.`` and the pass, with ``.more`` at the
 end what only other settings than the usual ones need, or ``render.shading.`` and what only some scenes have;
-``serve.first`` is what first keyframes need."""
+``render.any`` is needed by all, ``render.files`` by files whose meshes have no normals, ``serve.first`` by first
+keyframes."""
 MORE = ".more"
 
 

@@ -82,7 +82,7 @@ def test_mirrors_in_mirrors_are_not_black(way: str) -> None:
         materials=(silver,),
         environment=Environment.constant(torch.ones(3)),
     )
-    camera = Cameras.look_at([0.0, 0.0, 1.5], [0.2, 0.0, 0.0], width=32, height=32, fov_deg=70.0)
+    camera = Cameras.look_at([0.0, 0.0, 1.5], [0.2, 0.0, 0.0], width=20, height=20, fov_deg=70.0)
     shown = render(scene, camera, options=RenderOptions(reflections=way)).radiance
     assert float(shown.min()) > 0.95
 

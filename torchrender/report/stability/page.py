@@ -51,9 +51,9 @@ def _matrix(record: dict[str, Any], findings: dict[tuple[str, str], dict[str, An
     lines = [
         "## Deviations",
         "",
-        "Share of values in percent that change by more than a thousandth when vertices are rounded to float32 / "
-        "deviation from the law above; a dash: nothing to examine, or the case differs only in what the effect does "
-        "not depend on.",
+        "Share of values in percent that change by more than a thousandth when vertices are rounded to float32 (it "
+        "leaves those of the studio in other views and lights as they are) / deviation from the law above; "
+        "a dash: nothing to examine, or the case differs only in what the effect does not depend on.",
         "",
         "| case | " + " | ".join(name.replace("_", " ") for name in names) + " |",
         "|---" * (len(names) + 1) + "|",
