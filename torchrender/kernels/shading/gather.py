@@ -10,6 +10,7 @@ from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.attributes import MIN_COSINE
 from torchrender.kernels.shading.records import MATERIAL, SLOT, SPAN
 from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, f4, log2, weighed
+from torchrender.kernels.shading.spread import kinds_of, spread
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
@@ -19,6 +20,7 @@ BR, BG, BB, DR, SH, VS = (SLOT[n] for n in ("BR", "BG", "BB", "DR", "SH", "VS"))
 _NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG", "GX", "GY", "GZ", "LV", "U", "V")
 _PX, _PY, _PZ, _SX, _SY, _DR, _DG, _GX, _GY, _GZ, _LV, _U, _V = (np.uintp(SLOT[n]) for n in _NAMES)
 _ONE = np.uintp(1)
+_UNIT, _NOTHING = np.uint32(1), np.uint32(0)
 _A, _B, _C = SPAN, 2 * SPAN, 3 * SPAN
 """Where the corners' numbers are in :attr:`Work.near`, after the triangles."""
 SHININESS = MATERIAL["shininess"]
@@ -39,16 +41,16 @@ def gather(box, samples, view, packed, looks, work):
     """
     s, pix, numbers = work.s, work.pix, looks.numbers
     n, e = seen_pixels(box, samples, work)
-    count = runs_of(work.near, n, work.runs)
-    if count * LONG <= n:
-        for k in range(count):
+    if changes(work.near, n) * LONG < n:
+        for k in range(runs_of(work.near, n, work.runs)):
             one_triangle(work, packed, np.uintp(work.runs[k]), np.uintp(work.runs[k + 1]))
     else:
         many_triangles(work, packed, n)
-    work.found[3] = runs_of(work.mat, n, work.runs)
+    count = kinds_of(work.mat, n, work.kinds)
+    work.found[3] = count
     bits = 0
-    for k in range(work.found[3]):
-        m = work.mat[work.runs[k]]
+    for k in range(n if count == 0 else count):
+        m = work.mat[k] if count == 0 else work.kinds[k]
         bits |= (1 << looks.groups_of[m, 2]) | (looks.groups_of[m, 3] << 3)
     spread(work, n, SH, numbers, SHININESS)
     for c in range(3):
@@ -66,6 +68,15 @@ def gather(box, samples, view, packed, looks, work):
 
 
 @kernel(counted=False)
+def changes(values, n):
+    """How often one of the first ``n`` values differs from the one before."""
+    count = np.uint32(0)
+    for i in range(1, n):
+        count = np.uint32(count + (_UNIT if values[i] != values[i - 1] else _NOTHING))
+    return np.int64(count)
+
+
+@kernel(counted=False)
 def runs_of(values, n, runs):
     """Where runs of equal values begin among the first ``n``, and the end; -> how many there are."""
     count, last = np.uintp(0), np.uint32(0xFFFFFFFF)
@@ -76,21 +87,6 @@ def runs_of(values, n, runs):
             count = count + _ONE
     runs[count] = np.uint32(n)
     return np.int64(count)
-
-
-@kernel(counted=False)
-def spread(work, n, slot, numbers, column):
-    """A number of the materials into ``slot`` of all pixels; after :func:`gather` has found their runs."""
-    s, mat, runs, count = work.s, work.mat, work.runs, work.found[3]
-    if count * LONG > n:
-        for i in range(n):
-            s[slot + i] = numbers[mat[i], column]
-        return
-    for k in range(count):
-        begin, end = np.uintp(runs[k]), np.uintp(runs[k + 1])
-        value = numbers[mat[begin], column]
-        for i in range(begin, end):
-            s[np.uintp(slot) + i] = value
 
 
 @kernel(counted=False)
@@ -136,26 +132,74 @@ def many_triangles(work, packed, n):
 
 @kernel(counted=False)
 def seen_pixels(box, samples, work):
-    """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts."""
+    """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts.
+
+    Rows that are covered throughout, or empty, go several pixels at a time.
+    """
     x0, x1, y0, y1 = box
+    triangle = samples.triangle
+    n = e = np.uintp(0)
+    for y in range(np.uintp(y0), np.uintp(y1)):
+        least, most = triangle[y, x0], triangle[y, x0]
+        for x in range(np.uintp(x0), np.uintp(x1)):
+            least, most = min(least, triangle[y, x]), max(most, triangle[y, x])
+        if least >= 0:
+            n = covered_row(y, np.uintp(x0), np.uintp(x1), n, samples, work)
+        elif most < 0:
+            e = empty_row(y, np.uintp(x0), np.uintp(x1), e, samples, work)
+        else:
+            n, e = mixed_row(y, np.uintp(x0), np.uintp(x1), n, e, samples, work)
+    return np.int64(n), np.int64(e)
+
+
+@kernel(counted=False)
+def covered_row(y, x0, x1, n, samples, work):
+    """A part of a row without empty pixels; -> the count with its own."""
+    s, pix, near, weights = work.s, work.pix, work.near, samples.weights
+    first = y * np.uintp(samples.triangle.shape[1])
+    for x in range(x0, x1):
+        k = n + x - x0
+        pix[k], near[k] = np.uint32(first + x), np.uint32(samples.triangle[y, x])
+        s[_SX + k], s[_SY + k] = weights[y, x, 0], weights[y, x, 1]
+    if samples.position.shape[0] == 0:
+        for x in range(x0, x1):
+            k = n + x - x0
+            s[_PX + k], s[_PY + k] = f4(np.int32(x)) + HALF, f4(np.int32(y)) + HALF
+            s[_PZ + k] = samples.depth[y, x]
+    return n + x1 - x0
+
+
+@kernel(counted=False)
+def empty_row(y, x0, x1, e, samples, work):
+    """A part of a row without covered pixels; -> the count of empty ones with its own."""
+    s, empty = work.s, work.empty
+    first = y * np.uintp(samples.triangle.shape[1])
+    for x in range(x0, x1):
+        k = e + x - x0
+        s[_DR + k], s[_DG + k] = f4(np.int32(x)) + HALF, f4(np.int32(y)) + HALF
+        empty[k] = np.uint32(first + x)
+    return e + x1 - x0
+
+
+@kernel(counted=False)
+def mixed_row(y, x0, x1, n, e, samples, work):
+    """A part of a row of both kinds; -> their counts with its own."""
     s, pix, empty, near = work.s, work.pix, work.empty, work.near
     triangle, weights, depth = samples.triangle, samples.weights, samples.depth
     of_image = samples.position.shape[0] == 0
-    n = e = np.uintp(0)
-    for y in range(np.uintp(y0), np.uintp(y1)):
-        for x in range(np.uintp(x0), np.uintp(x1)):
-            t = triangle[y, x]
-            row = np.uint32(y * np.uintp(triangle.shape[1]) + x)
-            if t < 0:
-                s[_DR + e], s[_DG + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
-                e = e + _ONE
-                continue
-            pix[n], near[n] = row, np.uint32(t)
-            s[_SX + n], s[_SY + n] = weights[y, x, 0], weights[y, x, 1]
-            if of_image:
-                s[_PX + n], s[_PY + n], s[_PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
-            n = n + _ONE
-    return np.int64(n), np.int64(e)
+    for x in range(x0, x1):
+        t = triangle[y, x]
+        row = np.uint32(y * np.uintp(triangle.shape[1]) + x)
+        if t < 0:
+            s[_DR + e], s[_DG + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
+            e = e + _ONE
+            continue
+        pix[n], near[n] = row, np.uint32(t)
+        s[_SX + n], s[_SY + n] = weights[y, x, 0], weights[y, x, 1]
+        if of_image:
+            s[_PX + n], s[_PY + n], s[_PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
+        n = n + _ONE
+    return n, e
 
 
 @kernel(counted=False)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import MATERIAL, METALLIC, PHONG, SLOT, SPAN, UNLIT
 from torchrender.kernels.shading.simd import (
     HALF,
@@ -24,6 +23,7 @@ from torchrender.kernels.shading.simd import (
     log2,
     weighed,
 )
+from torchrender.kernels.shading.spread import spread
 
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
@@ -272,8 +272,7 @@ def add_metallic(s, n, sky, light):
 @kernel(counted=False)
 def write(work, n, bits, looks, out):
     """Radiance of each pixel by the kind of its material."""
-    s, pix, mat, numbers, kinds = work.s, work.pix, work.mat, looks.numbers, looks.groups_of
-    radiance = out.radiance
+    s, pix, numbers, radiance = work.s, work.pix, looks.numbers, out.radiance
     if bits & 16 > 0:
         spread(work, n, AM, numbers, DEGREE)
         spread(work, n, VS, numbers, LOBE)
@@ -285,11 +284,11 @@ def write(work, n, bits, looks, out):
         for i in range(n):
             s[DR + c * SPAN + i] = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
     if bits & 7 != 1 << PHONG:
-        for i in range(n):
-            kind = kinds[mat[i], 2]
-            for c in range(3):
-                value = s[YR + c * SPAN + i] if kind == METALLIC else s[DR + c * SPAN + i]
-                s[DR + c * SPAN + i] = s[BR + c * SPAN + i] if kind == UNLIT else value
+        spread(work, n, AM, looks.groups_of, 2)
+        for c in range(3):
+            for i in range(n):
+                value = s[YR + c * SPAN + i] if s[AM + i] == f4(METALLIC) else s[DR + c * SPAN + i]
+                s[DR + c * SPAN + i] = s[BR + c * SPAN + i] if s[AM + i] == f4(UNLIT) else value
     for i in range(n):
         p = pix[i]
         for c in range(3):

@@ -118,4 +118,4 @@ def _compiled(wanted: frozenset[str], writeable: tuple[bool, ...], told: _Types)
 
 def _work() -> Work:
     small, whole = np.zeros(1, np.uint32), np.zeros(1, np.int64)
-    return Work(np.zeros(1, np.float32), small, small, small, small, whole, np.zeros(1, np.bool_), small)
+    return Work(np.zeros(1, np.float32), small, small, small, small, whole, np.zeros(1, np.bool_), small, small)

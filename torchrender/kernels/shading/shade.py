@@ -7,7 +7,7 @@ from numba import prange
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.records import METALLIC, PHONG, RECT, SLOT, SLOTS, SPAN, Work
+from torchrender.kernels.shading.records import METALLIC, MOST_KINDS, PHONG, RECT, SLOT, SLOTS, SPAN, Work
 from torchrender.kernels.shading.simd import ONE, ZERO, f4
 from torchrender.kernels.stages import run
 
@@ -131,11 +131,12 @@ def shade(samples, view, packed, looks, sky, reach, out, stages):
         s = np.zeros(SLOTS * SPAN, np.float32)
         pix, mat, empty = np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32)
         near, runs = np.zeros(4 * SPAN, np.uint32), np.zeros(SPAN + 1, np.uint32)
+        kinds = np.zeros(MOST_KINDS, np.uint32)
         found, lit = np.zeros(4, np.int64), np.ones(reach.lights.shape[0], np.bool_)
         shown, look = (borrowed(samples), borrowed(view), borrowed(packed)), borrowed(looks)
         around, light, target = borrowed(sky), borrowed(reach), borrowed(out)
         parts = (borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty), borrowed(near))
-        work = Work(*parts, borrowed(found), borrowed(lit), borrowed(runs))
+        work = Work(*parts, borrowed(found), borrowed(lit), borrowed(runs), borrowed(kinds))
         for k in range(np.int64(worker), tiles, workers):
             x0, y0 = k % across * columns, k // across * rows
             box = (x0, min(x0 + columns, width), y0, min(y0 + rows, height))

@@ -90,8 +90,8 @@ def log2(x):
 
 @kernel(inline=True, counted=False)
 def exp2(x):
-    """Two to the power of ``x`` <= 127."""
-    x = max(x, f4(-126))
+    """Two to the power of ``x`` <= 127; at least 2^-100, as products of less would be subnormal, which is slow."""
+    x = max(x, f4(-100))
     r = np.floor(x + HALF)
     f = x - r
     p = ((((EXP[5] * f + EXP[4]) * f + EXP[3]) * f + EXP[2]) * f + EXP[1]) * f + EXP[0]

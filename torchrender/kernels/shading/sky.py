@@ -9,11 +9,11 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lobes import four_at
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4, weighed
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, bits_of, f4, float_of, weighed
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
 SX, SY, SZ, TA, TU, TV, FL = (SLOT[n] for n in ("SX", "SY", "SZ", "TA", "TU", "TV", "FL"))
-DR, DG, DB, SR, SG, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "LX", "LY", "LZ", "OC"))
+DR, DG, DB, SR, SG, SB, LX, LY, LZ, OC = (SLOT[n] for n in "DR DG DB SR SG SB LX LY LZ OC".split())
 LA, LB, LC, LD, LE = (SLOT[n] for n in ("LA", "LB", "LC", "LD", "LE"))
 
 
@@ -28,12 +28,18 @@ def octahedral(x, y, z):
 
 
 @kernel(inline=True, counted=False)
-def map_corners(first, side, across, down):
-    """First numbers of the four texels about a place in a map with an edge of one texel, and their weights."""
-    x, y = across * f4(side) + HALF, down * f4(side) + HALF
-    i, j = min(np.int64(x), side), min(np.int64(y), side)
-    at, row = (first + j * (side + 2) + i) * 3, (side + 2) * 3
-    u, v = x - f4(i), y - f4(j)
+def map_place(side, across, down):
+    """Where a map with an edge of one texel is read: texel, as bits, and shares of the next column and row."""
+    x, y = across * side + HALF, down * side + HALF
+    column, row = min(np.floor(x), side), min(np.floor(y), side)
+    texel = np.int32(np.int32(row) * np.int32(side + TWO) + np.int32(column))
+    return float_of(texel), x - column, y - row
+
+
+@kernel(inline=True, counted=False)
+def map_corners(first, side, texel, u, v):
+    """First numbers of the four texels about a place by :func:`map_place`, and their weights."""
+    at, row = (first + np.int64(bits_of(texel))) * 3, (np.int64(side) + 2) * 3
     w11 = u * v
     return (at, at + 3, at + row, at + row + 3), (ONE - u - v + w11, u - w11, v - w11, w11)
 
@@ -53,15 +59,18 @@ def diffuse(s, n, pix, sky, reach):
     if texels.shape[0] > 0:
         bent = reach.bent.shape[0] > 0
         for i in range(n):
-            x, y, z = s[NX + i], s[NY + i], s[NZ + i]
-            if bent:
-                # The open sky's middle was found about the smooth normal: it turns with what a map makes of that.
-                x += reach.bent[pix[i], 0] - s[SX + i]
-                y += reach.bent[pix[i], 1] - s[SY + i]
-                z += reach.bent[pix[i], 2] - s[SZ + i]
-            s[LX + i], s[LY + i] = octahedral(x, y, z)
+            s[LX + i], s[LY + i], s[LZ + i] = s[NX + i], s[NY + i], s[NZ + i]
+        if bent:
+            # The open sky's middle was found about the smooth normal: it turns with what a map makes of that.
+            for i in range(n):
+                s[LX + i] += reach.bent[pix[i], 0] - s[SX + i]
+                s[LY + i] += reach.bent[pix[i], 1] - s[SY + i]
+                s[LZ + i] += reach.bent[pix[i], 2] - s[SZ + i]
         for i in range(n):
-            places, weights = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])
+            across, down = octahedral(s[LX + i], s[LY + i], s[LZ + i])
+            s[TA + i], s[TU + i], s[TV + i] = map_place(f4(IRRADIANCE_SIDE), across, down)
+        for i in range(n):
+            places, weights = map_corners(np.int64(0), IRRADIANCE_SIDE, s[TA + i], s[TU + i], s[TV + i])
             red, green, blue, _ = weighed(texels, places, weights)
             s[DR + i] += red
             s[DG + i] += green
@@ -98,8 +107,10 @@ def filtered(texels, levels, roughness, across, down, factor):
     k = min(np.int64(level), np.int64(levels.shape[0] - 2))
     share = (level - f4(k)) * factor
     rest = factor - share
-    p, w = map_corners(levels[k, 0], levels[k, 1], across, down)
-    q, t = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
+    texel, u, v = map_place(f4(levels[k, 1]), across, down)
+    p, w = map_corners(levels[k, 0], levels[k, 1], texel, u, v)
+    texel, u, v = map_place(f4(levels[k + 1, 1]), across, down)
+    q, t = map_corners(levels[k + 1, 0], levels[k + 1, 1], texel, u, v)
     r, g, b, _ = weighed(texels, p, (w[0] * rest, w[1] * rest, w[2] * rest, w[3] * rest))
     x, y, z, _ = weighed(texels, q, (t[0] * share, t[1] * share, t[2] * share, t[3] * share))
     return r + x, g + y, b + z
@@ -145,16 +156,21 @@ def background(s, e, empty, view, sky, out):
         dx, dy, dz = (ONE - flat) * dx + flat * fx, (ONE - flat) * dy + flat * fy, (ONE - flat) * dz + flat * fz
         azimuth = angle(abs(dx), -dz)
         azimuth = (-azimuth if dx < ZERO else azimuth) + turn
-        s[SR + i] = (azimuth * f4(0.5 / math.pi) + HALF) * f4(width) - HALF
-        s[SG + i] = angle(math.sqrt(dx * dx + dz * dz), dy) * INV_PI * f4(height) - HALF
+        around = azimuth * f4(0.5 / math.pi) + HALF
+        x = (around - np.floor(around)) * f4(width) - HALF
+        y = angle(math.sqrt(dx * dx + dz * dz), dy) * INV_PI * f4(height) - HALF
+        left, top = np.floor(x), np.floor(y)
+        s[SR + i], s[SG + i] = x - left, y - top
+        i0, i1 = (left + f4(width) if left < ZERO else left), left + ONE
+        i1 = ZERO if i1 >= f4(width) else i1
+        s[LX + i], s[LY + i] = float_of(np.int32(i0)), float_of(np.int32(i1))
+        j0, j1 = min(max(top, ZERO), f4(height - 1)), min(max(top + ONE, ZERO), f4(height - 1))
+        s[LZ + i], s[SB + i] = float_of(np.int32(j0)), float_of(np.int32(j1))
     for i in range(e):
-        left, top = np.floor(s[SR + i]), np.floor(s[SG + i])
-        a, b = s[SR + i] - left, s[SG + i] - top
-        i0, j0 = np.int64(left) % width, np.int64(top)
-        i1 = i0 + 1 if i0 + 1 < width else 0
-        j1 = min(max(j0 + 1, np.int64(0)), height - 1)
-        j0 = min(max(j0, np.int64(0)), height - 1)
+        a, b, p = s[SR + i], s[SG + i], empty[i]
+        i0, i1 = np.uintp(bits_of(s[LX + i])), np.uintp(bits_of(s[LY + i]))
+        j0, j1 = np.uintp(bits_of(s[LZ + i])), np.uintp(bits_of(s[SB + i]))
         for c in range(3):
             up = radiance[j0, i0, c] + a * (radiance[j0, i1, c] - radiance[j0, i0, c])
             low = radiance[j1, i0, c] + a * (radiance[j1, i1, c] - radiance[j1, i0, c])
-            out[empty[i], c] = (up + b * (low - up)) * strength
+            out[p, c] = (up + b * (low - up)) * strength
