@@ -79,16 +79,16 @@ def lay(s, n, g, looks, given):
     d, e, f = np.float64(t[3]), np.float64(t[4]), np.float64(t[5])
     wrap_u, wrap_v = row[1], row[2]
     bias, most = t[6], ZERO if row[3] == BILINEAR else f4(row[0] - 1)
-    first, second, footprint = given
+    first, second, footprint = s[given[0] :], s[given[1] :], s[given[2] :]
     for k in range(n):
-        u, v = np.float64(s[first + k]), np.float64(s[second + k])
+        u, v = np.float64(first[k]), np.float64(second[k])
         u, v = a * u + b * v + c, d * u + e * v + f
         finite = abs(u) + abs(v) < np.inf
         u, v = u if finite else 0.0, v if finite else 0.0
         s[ACROSS + k] = f4(placed(u, wrap_u))
         s[DOWN + k] = f4(placed(-v, wrap_v) if wrap_v == REPEAT else 1.0 - placed(v, wrap_v))
     for k in range(n):
-        level = min(max(s[footprint + k] + bias, ZERO), most)
+        level = min(max(footprint[k] + bias, ZERO), most)
         s[LEVEL + k] = np.floor(level)
         s[SHARE + k] = level - np.floor(level)
 
@@ -99,22 +99,22 @@ def corners(s, n, row, coarser, to):
     bits into two slots each from ``to`` on, then four weights.
     """
     width, height, channels = f4(row[LEVELS + 1]), f4(row[LEVELS + 2]), np.int32(row[5])
-    wrap_u, wrap_v = row[1], row[2]
+    wrap_u, wrap_v, made = row[1], row[2], s[to:]
     for k in range(n):
         number = np.int32(s[LEVEL + k]) + np.int32(coarser)
         halved = float_of(np.int32((np.int32(127) - np.int32(number)) << np.int32(23)))
         wide, high = max(np.floor(width * halved), ONE), max(np.floor(height * halved), ONE)
         i0, i1, a = neighbours(s[ACROSS + k], wide, wrap_u)
         j0, j1, b = neighbours(s[DOWN + k], high, wrap_v)
-        s[to + k] = float_of(np.int32(np.int32(j0) * np.int32(wide)))
-        s[to + SPAN + k] = float_of(np.int32(np.int32(j1) * np.int32(wide)))
-        s[to + 2 * SPAN + k] = float_of(np.int32(np.int32(i0) * channels))
-        s[to + 3 * SPAN + k] = float_of(np.int32(np.int32(i1) * channels))
+        made[k] = float_of(np.int32(np.int32(j0) * np.int32(wide)))
+        made[SPAN + k] = float_of(np.int32(np.int32(j1) * np.int32(wide)))
+        made[2 * SPAN + k] = float_of(np.int32(np.int32(i0) * channels))
+        made[3 * SPAN + k] = float_of(np.int32(np.int32(i1) * channels))
         factor = s[SHARE + k] if coarser else ONE - s[SHARE + k]
         w11 = a * b
         w01, w10 = a - w11, b - w11
-        s[to + 4 * SPAN + k] = (ONE - a - w10) * factor
-        s[to + 5 * SPAN + k], s[to + 6 * SPAN + k], s[to + 7 * SPAN + k] = w01 * factor, w10 * factor, w11 * factor
+        made[4 * SPAN + k], made[5 * SPAN + k] = (ONE - a - w10) * factor, w01 * factor
+        made[6 * SPAN + k], made[7 * SPAN + k] = w10 * factor, w11 * factor
 
 
 @kernel(inline=True, counted=False)
@@ -136,7 +136,7 @@ def blend_texels(s, n, row, texels, skip):
         p, a = places(s, k, FINER, row[level] + skip, channels)
         if s[SHARE + k] > ZERO:
             q, b = places(s, k, COARSER, row[level + np.uintp(3)] + skip, channels)
-            found = weighed(texels, (p[0], p[1], p[2], p[3], q[0], q[1], q[2], q[3]), (*a, *b))
+            found = weighed(texels, p + q, a + b)
         else:
             found = weighed(texels, p, a)
         s[FOUND + k], s[FOUND + SPAN + k], s[FOUND + 2 * SPAN + k], s[FOUND + 3 * SPAN + k] = found
@@ -157,12 +157,13 @@ def nearest_texels(s, n, row, texels, skip):
 @kernel(counted=False)
 def multiply(s, n, rows, every, slot, found):
     """Numbers of the pixels in ``rows`` times those found for them; ``every``: these are all pixels, in order."""
+    to, factor = s[slot:], s[found:]
     if every:
         for k in range(n):
-            s[slot + k] *= s[found + k]
+            to[k] *= factor[k]
     else:
         for k in range(n):
-            s[slot + np.int64(rows[k])] *= s[found + k]
+            to[rows[k]] *= factor[k]
 
 
 @kernel(counted=False)
@@ -171,9 +172,10 @@ def sample(work, n, every, g, looks):
     s, rows, row = work.s, work.runs, looks.groups[g]
     given = (U1, V1, L1) if row[4] == 1 else (U, V, LV)
     if not every:
+        first, second, footprint = s[given[0] :], s[given[1] :], s[given[2] :]
         for k in range(n):
-            i = np.int64(rows[k])
-            s[TA + k], s[TU + k], s[TV + k] = s[given[0] + i], s[given[1] + i], s[given[2] + i]
+            i = rows[k]
+            s[TA + k], s[TU + k], s[TV + k] = first[i], second[i], footprint[i]
         given = (TA, TU, TV)
     lay(s, n, g, looks, given)
     if row[3] != NEAREST:

@@ -89,7 +89,7 @@ def _compiled(wanted: frozenset[str], writeable: tuple[bool, ...], told: _Types)
     number, light, work = types.int64, typeof(np.zeros(1, np.float32)), typeof(_work())
     arguments = {
         "surfaces": (types.UniTuple(number, 4), samples, view, packed, looks, work),
-        "further": (samples, packed, work, number),
+        "further": (packed, work, number),
         "textures": (looks, work, number),
         "bend": (looks, work, number),
         "surface": (out, work, number),

@@ -178,9 +178,9 @@ class Work(NamedTuple):
 
     s: np.ndarray  # (SLOTS * SPAN,) float32
     pix: np.ndarray  # (SPAN,) uint32 place of each covered pixel in the flat image
-    mat: np.ndarray  # (SPAN,) uint32 material
+    mat: np.ndarray  # (SPAN,) uint32 material, a part of near
     empty: np.ndarray  # (SPAN,) uint32 place of each empty pixel
-    near: np.ndarray  # (4 * SPAN,) uint32 triangle and its three corners
+    near: np.ndarray  # (5 * SPAN,) uint32 triangle, its three corners, and again the material
     found: np.ndarray  # (4,) int64 covered pixels, empty ones, bits of their materials, how many kinds has
     lit: np.ndarray  # (L,) bool lights that may reach the tile
     runs: np.ndarray  # (SPAN + 1,) uint32 where pixels begin that follow one another and share a triangle, and the end

@@ -35,17 +35,17 @@ def kinds_of(mat, n, kinds):
 @kernel(counted=False)
 def spread(work, n, slot, numbers, column):
     """A number of the materials into ``slot`` of all pixels; after :func:`kinds_of` has told which there are."""
-    s, mat, kinds, count = work.s, work.mat, work.kinds, work.found[3]
+    to, mat, kinds, count = work.s[slot:], work.mat, work.kinds, work.found[3]
     if count == 0:
         for i in range(n):
-            s[slot + i] = np.float32(numbers[mat[i], column])
+            to[i] = np.float32(numbers[mat[i], column])
         return
     first = np.float32(numbers[kinds[0], column])
     for i in range(n):
-        s[slot + i] = first
+        to[i] = first
     for k in range(1, count):
         m = kinds[k]
         value = np.float32(numbers[m, column])
         if value != first:
             for i in range(n):
-                s[slot + i] = value if mat[i] == m else s[slot + i]
+                to[i] = value if mat[i] == m else to[i]
