@@ -10,15 +10,31 @@ import pytest
 import torch
 from torch import Tensor
 
-from shading_scenes import LIGHTS, PANEL, SUN, noise, scene_of_all, views
+from shading_scenes import LAMP, LIGHTS, PANEL, SUN, noise, scene_of_all, views
 from torchrender.buffers import RaySurface
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading import gather, layers, lights, lobes, maps, needs, parts, rectangles, shade, simd, sky
+from torchrender.kernels.shading import (
+    gather,
+    layers,
+    lights,
+    lobes,
+    maps,
+    needs,
+    parts,
+    rectangles,
+    shade,
+    simd,
+    sky,
+    spread,
+)
 from torchrender.kernels.shading.pack import pack_planes
-from torchrender.kernels.shading.records import MATERIAL, SLOT, SLOTS, SPAN
+from torchrender.kernels.shading.records import MATERIAL, MOST_KINDS, SLOT, SLOTS, SPAN, TILE, Work
 from torchrender.numerics.ggx import dielectric_fresnel
 from torchrender.raster import rasterize, rasterize_visibility, surface_attributes
 from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
+from torchrender.scene.material import Material
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.shading.fused import send_fused
 from torchrender.shading.lobes import Around, Sent
@@ -96,6 +112,73 @@ def test_a_light_that_nothing_sees_and_an_empty_scene() -> None:
     torch.testing.assert_close(found, nothing.ambient[:, None].expand(3, 16 * 12))
 
 
+def strips(count: int) -> Scene:
+    """Upright strips side by side, each with a material of its own, most with a texture of odd sides."""
+    meshes, made = [], []
+    for k in range(count):
+        left, right = (2.0 * (k + e) / count - 1.0 for e in (0, 1))
+        corners = torch.tensor([[left, -1.0, 0.0], [right, -1.0, 0.0], [right, 1.0, 0.0], [left, 1.0, 0.0]])
+        faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+        uv = torch.tensor([[0.0, 0.0], [1.0, 0.0], [1.0, 3.0], [0.0, 3.0]]) * (1 + k % 3) - 0.7
+        meshes.append(Mesh(vertices=corners, faces=faces, uv=uv, material=k))
+        texture = noise(23 + k, 37, 3, k) if k % 5 else None
+        diffuse = torch.tensor([k / count, 0.5, 1.0 - k / count])
+        if k % 2:
+            made.append(Material(diffuse=diffuse, diffuse_texture=texture, roughness=0.5, metallic=0.3))
+        else:
+            made.append(Material(diffuse=diffuse, diffuse_texture=texture, specular=0.2 + 0.01 * k, shininess=5.0 + k))
+    return Scene(meshes=tuple(meshes), materials=tuple(made), lights=(SUN, LAMP), ambient=torch.full((3,), 0.1))
+
+
+@pytest.mark.parametrize("count", [MOST_KINDS // 2, MOST_KINDS, MOST_KINDS + 8])
+def test_tiles_with_few_and_with_many_materials(count: int) -> None:
+    scene = strips(count)
+    camera = Cameras.look_at([0.3, 0.2, 2.2], [0.0, 0.0, 0.0], width=TILE[0], height=3 * TILE[1] + 1, fov_deg=5.4)
+    gbuffer = rasterize(scene, camera)
+    assert set(gbuffer.material[0, TILE[1] : 2 * TILE[1]].unique().tolist()) >= set(range(count))  # in one tile
+    found = send_fused(scene, gbuffer, None, Around(), ("polygon", None, True))
+    check(found, send(scene, gbuffer, None, Around(), "polygon"), gbuffer.covered.reshape(-1))
+
+
+def test_a_turn_of_the_sky_by_a_whole_circle_changes_nothing() -> None:
+    scene, camera = scene_of_all(), views(40, 30)
+    assert scene.environment is not None
+    made = []
+    for turn in (-40.0, -400.0, 320.0):
+        turned = replace(scene, environment=replace(scene.environment, rotation_deg=turn))
+        seen = rasterize_visibility(turned.geometry, camera)
+        made.append(send_fused(turned, seen, None, Around(), ("polygon", None, False)).radiance)
+        direction = torch.nn.functional.normalize(camera.rays()[1].reshape(-1, 3), dim=-1).float()
+        empty = ~seen.covered.reshape(-1)
+        assert turned.environment is not None
+        wanted = turned.environment.background(direction[empty])
+        torch.testing.assert_close(made[-1][:, empty].T, wanted, rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(made[1], made[0], rtol=1e-3, atol=1e-4)
+    torch.testing.assert_close(made[2], made[0], rtol=1e-3, atol=1e-4)
+
+
+@kernel()
+def spread_all(mat, numbers, kinds, found, s):
+    flags = np.zeros(1, np.bool_)
+    work = Work(s, mat, mat, mat, mat, found, flags, mat, kinds)
+    found[3] = spread.kinds_of(mat, mat.shape[0], kinds)
+    spread.spread(work, mat.shape[0], 3, numbers, 2)
+
+
+@pytest.mark.parametrize(("kinds", "told"), [(1, 1), (5, 5), (MOST_KINDS, MOST_KINDS), (MOST_KINDS + 1, 0)])
+def test_numbers_of_materials(kinds: int, told: int) -> None:
+    rng = np.random.default_rng(4)
+    chosen = np.sort(rng.permutation(50)[:kinds]).astype(np.uint32)
+    mat = rng.permutation(np.concatenate([chosen, rng.choice(chosen, 100)]))
+    numbers = rng.integers(0, 4, (50, 3)).astype(np.float32)
+    s, found, listed = np.zeros(300, np.float32), np.zeros(4, np.int64), np.zeros(MOST_KINDS, np.uint32)
+    spread_all(mat, numbers, listed, found, s)
+    assert found[3] == told
+    np.testing.assert_array_equal(listed[:told], chosen[:told])
+    np.testing.assert_array_equal(s[3 : 3 + len(mat)], numbers[mat, 2])
+    assert not s[:3].any() and not s[3 + len(mat) :].any()
+
+
 # ------------------------------------------------------------------- functions of numbers
 
 
@@ -121,6 +204,9 @@ def test_functions_of_numbers() -> None:
     np.testing.assert_allclose(out[:, 3], (1 - wide.clip(0, 1)) ** 5, atol=1e-6)
     fresnel = dielectric_fresnel(1.25, torch.from_numpy(np.abs(wide).clip(0, 1)))
     np.testing.assert_allclose(out[:, 4], fresnel.numpy(), rtol=1e-5)
+    low = np.array([-130.0, -1e9, -99.0], np.float32)
+    over(low, out)
+    np.testing.assert_allclose(out[:3, 0], [2.0**-100, 2.0**-100, 2.0**-99], rtol=3e-7)
 
 
 @kernel()
@@ -140,6 +226,26 @@ def test_four_numbers_at_once() -> None:
         np.testing.assert_allclose(out[i], wanted, rtol=1e-6, atol=1e-6)
 
 
+@kernel()
+def turn(values, places, out, narrow):
+    p = (places[0], places[1], places[2], places[3], places[4], places[5], places[6], places[7])
+    simd.columns(values, p, out, (1, 11, 21, 31, 41, 51, 61, 71))
+    simd.columns(values, p, narrow, (1, 11, 21, 31))
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.uint32])
+def test_rows_into_columns(kind: type) -> None:
+    rng = np.random.default_rng(5)
+    values, places = rng.integers(1, 1 << 22, 60).astype(kind), rng.integers(0, 52, 8)
+    out, narrow = np.zeros(80, kind), np.zeros(40, kind)
+    turn(values, places, out, narrow)
+    for made in (out, narrow):
+        rows = made.reshape(-1, 10)
+        for k, row in enumerate(rows):
+            np.testing.assert_array_equal(row[1:9], values[places + k])
+            assert row[0] == 0 and row[9] == 0
+
+
 def test_planes_against_numpy() -> None:
     rng = np.random.default_rng(0)
     vertices, faces = rng.normal(size=(9, 3)), rng.permutation(9).reshape(3, 3).astype(np.int32)
@@ -157,7 +263,7 @@ def test_planes_against_numpy() -> None:
 
 def test_every_module_of_the_kernel_is_used_by_it() -> None:
     used = (gather.gather, layers.add_coat, lights.rectangle, lobes.add_metallic, maps.textures, sky.diffuse)
-    used = (*used, rectangles.add_metallic_rectangle)
+    used = (*used, rectangles.add_metallic_rectangle, spread.spread)
     assert all(callable(one) for one in (*used, shade.shade, parts.surfaces, needs.stages_of))
     assert SLOTS * SPAN * 4 < 256 << 10 and len(set(SLOT.values())) == SLOTS and max(MATERIAL.values()) < 32
     assert noise(4, 4, 3, 0).shape == (4, 4, 3) and PANEL.area > 0

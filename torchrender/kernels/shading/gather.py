@@ -9,22 +9,26 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.attributes import MIN_COSINE
 from torchrender.kernels.shading.records import MATERIAL, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, f4, log2, weighed
+from torchrender.kernels.shading.simd import HALF, ONE, TINY, ZERO, columns, f4, log2
+from torchrender.kernels.shading.spread import kinds_of, spread
 
 PX, PY, PZ, NX, NY, NZ = (SLOT[n] for n in ("PX", "PY", "PZ", "NX", "NY", "NZ"))
 SX, SY, SZ, GX, GY, GZ = (SLOT[n] for n in ("SX", "SY", "SZ", "GX", "GY", "GZ"))
 EX, EY, EZ, U, V, LV = (SLOT[n] for n in ("EX", "EY", "EZ", "U", "V", "LV"))
-U1, V1, L1, TX, TY, TZ, TW, AM = (SLOT[n] for n in ("U1", "V1", "L1", "TX", "TY", "TZ", "TW", "AM"))
+U1, V1, L1, TX, TY, TZ, TW, AM, TA = (SLOT[n] for n in "U1 V1 L1 TX TY TZ TW AM TA".split())
 BR, BG, BB, DR, SH, VS = (SLOT[n] for n in ("BR", "BG", "BB", "DR", "SH", "VS"))
 _NAMES = ("PX", "PY", "PZ", "SX", "SY", "DR", "DG", "GX", "GY", "GZ", "LV", "U", "V")
 _PX, _PY, _PZ, _SX, _SY, _DR, _DG, _GX, _GY, _GZ, _LV, _U, _V = (np.uintp(SLOT[n]) for n in _NAMES)
 _ONE = np.uintp(1)
-_A, _B, _C = SPAN, 2 * SPAN, 3 * SPAN
-"""Where the corners' numbers are in :attr:`Work.near`, after the triangles."""
+_UNIT, _NOTHING = np.uint32(1), np.uint32(0)
+_A, _B, _C, _D = SPAN, 2 * SPAN, 3 * SPAN, 4 * SPAN
+"""Where the corners' numbers are in :attr:`Work.near`, after the triangles, and the materials."""
+CORNERS = SLOT["FR"]
+"""First of 24 slots, free before light comes, for what the corners of triangles carry."""
 SHININESS = MATERIAL["shininess"]
 DIFFUSE = MATERIAL["diffuse"]
 LEAST, LARGEST = f4(1e-12), f4(1e12)
-LONG = 3
+LONG = 12
 """Pixels that runs have in the mean from which on they are taken as such."""
 
 
@@ -33,28 +37,28 @@ def gather(box, samples, view, packed, looks, work):
     """Attributes of the covered pixels of a tile into ``s``; -> their count, that of empty ones, kinds as bits.
 
     ``box`` = first and one past last column, then row. Bits: 1 << kind, flags of :attr:`Looks.groups_of` << 3.
-    Where triangles are small: short loops, one kind of look-up each, so that what they wait for comes from memory side
-    by side; else triangle by triangle. All indices are unsigned: signed ones are tested for counting from the end,
-    access by access.
+    Where triangles are small pixel by pixel, else triangle by triangle. Where indices are signed, they are tested for
+    counting from the end unless the compiler sees that they never do.
     """
     s, pix, numbers = work.s, work.pix, looks.numbers
     n, e = seen_pixels(box, samples, work)
-    count = runs_of(work.near, n, work.runs)
-    if count * LONG <= n:
-        for k in range(count):
+    if changes(work.near, n) * LONG < n:
+        for k in range(runs_of(work.near, n, work.runs)):
             one_triangle(work, packed, np.uintp(work.runs[k]), np.uintp(work.runs[k + 1]))
     else:
         many_triangles(work, packed, n)
-    work.found[3] = runs_of(work.mat, n, work.runs)
+    count = kinds_of(work.mat, n, work.kinds)
+    work.found[3] = count
     bits = 0
-    for k in range(work.found[3]):
-        m = work.mat[work.runs[k]]
+    for k in range(n if count == 0 else count):
+        m = work.mat[k] if count == 0 else work.kinds[k]
         bits |= (1 << looks.groups_of[m, 2]) | (looks.groups_of[m, 3] << 3)
     spread(work, n, SH, numbers, SHININESS)
     for c in range(3):
         spread(work, n, VS, numbers, DIFFUSE + c)
+        t = s[c * SPAN :]
         for i in range(n):
-            s[BR + c * SPAN + i] *= s[VS + i]
+            t[BR + i] *= s[VS + i]
     if samples.position.shape[0] > 0:
         for i in range(n):
             row = pix[i]
@@ -63,6 +67,15 @@ def gather(box, samples, view, packed, looks, work):
                 s[EX + k * SPAN + i] = samples.to_eye[row, k]
             s[VS + i] = f4(samples.width[row])
     return n, e, bits
+
+
+@kernel(counted=False)
+def changes(values, n):
+    """How often one of the first ``n`` values differs from the one before."""
+    count = np.uint32(0)
+    for i in range(1, n):
+        count = np.uint32(count + (_UNIT if values[i] != values[i - 1] else _NOTHING))
+    return np.int64(count)
 
 
 @kernel(counted=False)
@@ -76,21 +89,6 @@ def runs_of(values, n, runs):
             count = count + _ONE
     runs[count] = np.uint32(n)
     return np.int64(count)
-
-
-@kernel(counted=False)
-def spread(work, n, slot, numbers, column):
-    """A number of the materials into ``slot`` of all pixels; after :func:`gather` has found their runs."""
-    s, mat, runs, count = work.s, work.mat, work.runs, work.found[3]
-    if count * LONG > n:
-        for i in range(n):
-            s[slot + i] = numbers[mat[i], column]
-        return
-    for k in range(count):
-        begin, end = np.uintp(runs[k]), np.uintp(runs[k + 1])
-        value = numbers[mat[begin], column]
-        for i in range(begin, end):
-            s[np.uintp(slot) + i] = value
 
 
 @kernel(counted=False)
@@ -121,90 +119,165 @@ def one_triangle(work, packed, begin, end):
         s[_U + i], s[_V + i] = f4(dw * ua + du * ub + dv * uc), f4(dw * va + du * vb + dv * vc)
 
 
+@kernel(inline=True, counted=False)
+def eight(near, k, size):
+    """First numbers of the rows of ``size`` that eight numbers in ``near`` from ``k`` on count."""
+    return (
+        np.int64(near[k]) * size, np.int64(near[k + 1]) * size, np.int64(near[k + 2]) * size,
+        np.int64(near[k + 3]) * size, np.int64(near[k + 4]) * size, np.int64(near[k + 5]) * size,
+        np.int64(near[k + 6]) * size, np.int64(near[k + 7]) * size,
+    )  # fmt: skip
+
+
 @kernel(counted=False)
 def many_triangles(work, packed, n):
-    """All pixels, each by itself."""
-    s, mat, near, planes, ids = work.s, work.mat, work.near, packed.planes, packed.ids
+    """All pixels, eight at a time: their loads wait for memory side by side, and columns come from vectors."""
+    s, near, end = work.s, work.near, (n + 7) // 8 * 8
+    for i in range(n, end):
+        near[i] = near[n - 1]
+    for k in range(0, end, 8):
+        rows = eight(near, k, 4)
+        columns(packed.ids, rows, near, (_A + k, _B + k, _C + k, _D + k))
+        columns(packed.planes, rows, s, (GX + k, GY + k, GZ + k, LV + k))
+    for corner in range(3):
+        for k in range(0, end, 8):
+            rows = eight(near, (corner + 1) * SPAN + k, 8)
+            at = CORNERS + corner * 8 * SPAN + k
+            below = at + SPAN, at + 2 * SPAN, at + 3 * SPAN, at + 4 * SPAN, at + 5 * SPAN, at + 6 * SPAN, at + 7 * SPAN
+            columns(packed.corners, rows, s, (at, *below))
+    for c in range(3):
+        t = s[c * SPAN :]
+        for i in range(n):
+            u, v = s[SX + i], s[SY + i]
+            w = ONE - u - v
+            t[NX + i] = w * t[CORNERS + i] + u * t[CORNERS + 8 * SPAN + i] + v * t[CORNERS + 16 * SPAN + i]
+            t[BR + i] = w * t[CORNERS + 3 * SPAN + i] + u * t[CORNERS + 11 * SPAN + i] + v * t[CORNERS + 19 * SPAN + i]
+    blend_wide(s, n, s[CORNERS + 6 * SPAN :], 8 * SPAN, s[U:])
+    blend_wide(s, n, s[CORNERS + 7 * SPAN :], 8 * SPAN, s[V:])
+
+
+@kernel(counted=False)
+def blend_wide(s, n, corner, stride, to):
+    """Numbers of three corners, ``stride`` apart, at the weights in SX and SY; large texture coordinates need
+    float64.
+    """
+    second, third = corner[stride:], corner[2 * stride :]
     for i in range(n):
-        k = near[i]
-        near[_A + i], near[_B + i], near[_C + i], mat[i] = ids[k, 0], ids[k, 1], ids[k, 2], ids[k, 3]
-    for i in range(n):
-        k = near[i]
-        s[GX + i], s[GY + i], s[GZ + i], s[LV + i] = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
-    blend(s, n, packed.corners, near)
+        u, v = np.float64(s[SX + i]), np.float64(s[SY + i])
+        w = 1.0 - u - v
+        to[i] = f4(w * corner[i] + u * second[i] + v * third[i])
 
 
 @kernel(counted=False)
 def seen_pixels(box, samples, work):
-    """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts."""
+    """Places, triangles and weights of the covered pixels of a tile, places of the empty ones; -> their counts.
+
+    Rows that are covered throughout, or empty, go several pixels at a time.
+    """
     x0, x1, y0, y1 = box
-    s, pix, empty, near = work.s, work.pix, work.empty, work.near
-    triangle, weights, depth = samples.triangle, samples.weights, samples.depth
-    of_image = samples.position.shape[0] == 0
+    triangle = samples.triangle
     n = e = np.uintp(0)
     for y in range(np.uintp(y0), np.uintp(y1)):
+        least, most = triangle[y, x0], triangle[y, x0]
         for x in range(np.uintp(x0), np.uintp(x1)):
-            t = triangle[y, x]
-            row = np.uint32(y * np.uintp(triangle.shape[1]) + x)
-            if t < 0:
-                s[_DR + e], s[_DG + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
-                e = e + _ONE
-                continue
-            pix[n], near[n] = row, np.uint32(t)
-            s[_SX + n], s[_SY + n] = weights[y, x, 0], weights[y, x, 1]
-            if of_image:
-                s[_PX + n], s[_PY + n], s[_PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
-            n = n + _ONE
+            least, most = min(least, triangle[y, x]), max(most, triangle[y, x])
+        if least >= 0:
+            n = covered_row(y, np.uintp(x0), np.uintp(x1), n, samples, work)
+        elif most < 0:
+            e = empty_row(y, np.uintp(x0), np.uintp(x1), e, samples, work)
+        else:
+            n, e = mixed_row(y, np.uintp(x0), np.uintp(x1), n, e, samples, work)
     return np.int64(n), np.int64(e)
 
 
 @kernel(counted=False)
-def blend(s, n, corners, near):
-    """What the corners carry, at the weights in SX and SY."""
-    for i in range(n):  # brings them near, many at a time
-        s[VS + i] = corners[near[_A + i], 0] + corners[near[_B + i], 0] + corners[near[_C + i], 0]
-    for i in range(n):
-        a, b, c = near[_A + i], near[_B + i], near[_C + i]
-        u, v = s[SX + i], s[SY + i]
-        first, second, third = np.int64(a) * 8, np.int64(b) * 8, np.int64(c) * 8
-        weights = ONE - u - v, u, v
-        s[NX + i], s[NY + i], s[NZ + i], s[BR + i] = weighed(corners, (first, second, third), weights)
-        s[BG + i], s[BB + i], _, _ = weighed(corners, (first + 4, second + 4, third + 4), weights)
-        du, dv = np.float64(u), np.float64(v)  # large texture coordinates need it
-        dw = 1.0 - du - dv
-        s[U + i] = f4(dw * corners[a, 6] + du * corners[b, 6] + dv * corners[c, 6])
-        s[V + i] = f4(dw * corners[a, 7] + du * corners[b, 7] + dv * corners[c, 7])
+def covered_row(y, x0, x1, n, samples, work):
+    """A part of a row without empty pixels; -> the count with its own."""
+    s, pix, near, weights = work.s, work.pix, work.near, samples.weights
+    first = y * np.uintp(samples.triangle.shape[1])
+    for x in range(x0, x1):
+        k = n + x - x0
+        pix[k], near[k] = np.uint32(first + x), np.uint32(samples.triangle[y, x])
+        s[_SX + k], s[_SY + k] = weights[y, x, 0], weights[y, x, 1]
+    if samples.position.shape[0] == 0:
+        for x in range(x0, x1):
+            k = n + x - x0
+            s[_PX + k], s[_PY + k] = f4(np.int32(x)) + HALF, f4(np.int32(y)) + HALF
+            s[_PZ + k] = samples.depth[y, x]
+    return n + x1 - x0
 
 
 @kernel(counted=False)
-def gather_further(samples, packed, s, n, pix):
-    """Second texture coordinates and tangents, where the scene has some; after :func:`face`."""
-    triangle, weights = samples.triangle, samples.weights
-    width = np.int64(triangle.shape[1])
-    second, tangents = packed.further.shape[0] > 0, packed.tangent_row.shape[0] > 0
-    for i in range(n):
-        y = np.int64(pix[i]) // width
-        x = np.int64(pix[i]) - y * width
+def empty_row(y, x0, x1, e, samples, work):
+    """A part of a row without covered pixels; -> the count of empty ones with its own."""
+    s, empty = work.s, work.empty
+    first = y * np.uintp(samples.triangle.shape[1])
+    for x in range(x0, x1):
+        k = e + x - x0
+        s[_DR + k], s[_DG + k] = f4(np.int32(x)) + HALF, f4(np.int32(y)) + HALF
+        empty[k] = np.uint32(first + x)
+    return e + x1 - x0
+
+
+@kernel(counted=False)
+def mixed_row(y, x0, x1, n, e, samples, work):
+    """A part of a row of both kinds; -> their counts with its own."""
+    s, pix, empty, near = work.s, work.pix, work.empty, work.near
+    triangle, weights, depth = samples.triangle, samples.weights, samples.depth
+    of_image = samples.position.shape[0] == 0
+    for x in range(x0, x1):
         t = triangle[y, x]
-        a, b, c = packed.ids[t, 0], packed.ids[t, 1], packed.ids[t, 2]
-        u, v = weights[y, x, 0], weights[y, x, 1]
-        w = ONE - u - v
-        if second:
-            du, dv = np.float64(u), np.float64(v)
-            dw = 1.0 - du - dv
-            f = packed.further
-            s[U1 + i] = f4(dw * f[a, 0] + du * f[b, 0] + dv * f[c, 0])
-            s[V1 + i] = f4(dw * f[a, 1] + du * f[b, 1] + dv * f[c, 1])
-            s[L1 + i] = log2(min(max(packed.density[t] * s[VS + i], LEAST), LARGEST))
-        if tangents:
-            row = packed.tangent_row[t]
-            for k in range(4):
-                s[TX + k * SPAN + i] = ZERO
-            if row >= 0:
-                at, turned = np.int64(row) * 12, s[AM + i]
-                x, y, z, side = weighed(packed.tangents, (at, at + 4, at + 8), (w, u, v))
-                s[TX + i], s[TY + i], s[TZ + i] = turned * x, turned * y, turned * z
-                s[TW + i] = turned if side >= ZERO else -turned
+        row = np.uint32(y * np.uintp(triangle.shape[1]) + x)
+        if t < 0:
+            s[_DR + e], s[_DG + e], empty[e] = f4(x) + HALF, f4(y) + HALF, row
+            e = e + _ONE
+            continue
+        pix[n], near[n] = row, np.uint32(t)
+        s[_SX + n], s[_SY + n] = weights[y, x, 0], weights[y, x, 1]
+        if of_image:
+            s[_PX + n], s[_PY + n], s[_PZ + n] = f4(x) + HALF, f4(y) + HALF, depth[y, x]
+        n = n + _ONE
+    return n, e
+
+
+@kernel(counted=False)
+def gather_further(packed, work, n):
+    """Second texture coordinates and tangents, where the scene has some; while SX and SY are weights still."""
+    s, near, rows, end = work.s, work.near, work.runs, (n + 7) // 8 * 8
+    if packed.further.shape[0] > 0:
+        for i in range(n):
+            t = near[i]
+            for corner in range(3):
+                v = packed.ids[t, corner]
+                s[CORNERS + 2 * corner * SPAN + i] = packed.further[v, 0]
+                s[CORNERS + (2 * corner + 1) * SPAN + i] = packed.further[v, 1]
+            s[L1 + i] = packed.density[t]
+        blend_wide(s, n, s[CORNERS:], 2 * SPAN, s[U1:])
+        blend_wide(s, n, s[CORNERS + SPAN :], 2 * SPAN, s[V1:])
+        for i in range(n):
+            s[L1 + i] = log2(min(max(s[L1 + i] * s[VS + i], LEAST), LARGEST))
+    if packed.tangent_row.shape[0] == 0:
+        return
+    for i in range(end):
+        row = packed.tangent_row[near[min(i, n - 1)]]
+        s[TA + i], rows[i] = (ONE if row >= 0 else ZERO), np.uint32(max(row, np.int32(0)))
+    if packed.tangents.shape[0] == 0:
+        for i in range(n):
+            s[TX + i], s[TY + i], s[TZ + i], s[TW + i] = ZERO, ZERO, ZERO, ZERO
+        return
+    for k in range(0, end, 8):
+        a, b, c, d, e, f, g, h = eight(rows, k, 12)
+        for corner in range(3):
+            at, skip = CORNERS + corner * 4 * SPAN + k, 4 * corner
+            places = a + skip, b + skip, c + skip, d + skip, e + skip, f + skip, g + skip, h + skip
+            columns(packed.tangents, places, s, (at, at + SPAN, at + 2 * SPAN, at + 3 * SPAN))
+    for c in range(4):
+        t = s[c * SPAN :]
+        for i in range(n):
+            u, v = s[SX + i], s[SY + i]
+            found = (ONE - u - v) * t[CORNERS + i] + u * t[CORNERS + 4 * SPAN + i] + v * t[CORNERS + 8 * SPAN + i]
+            found = (ONE if found >= ZERO else -ONE) if c == 3 else found
+            t[TX + i] = found * s[AM + i] if s[TA + i] > ZERO else ZERO
 
 
 @kernel(counted=False)
@@ -248,7 +321,6 @@ def face(s, n):
         width = s[VS + i] / math.sqrt(max(abs(facing), f4(MIN_COSINE)))
         s[GX + i], s[GY + i], s[GZ + i] = gx, gy, gz
         s[NX + i], s[NY + i], s[NZ + i] = nx, ny, nz
-        s[SX + i], s[SY + i], s[SZ + i] = nx, ny, nz
         s[LV + i] = log2(min(max(s[LV + i] * width, LEAST), LARGEST))
         s[VS + i] = width
         s[AM + i] = -ONE if (side < ZERO or (not own and facing < ZERO)) else ONE

@@ -39,8 +39,9 @@ def add_sheen(s, n, mat, looks, light):
         nl, nv = max(nx * lx + ny * ly + nz * lz, LEAST_COSINE), max(s[NV + i], LEAST_COSINE)
         s[VS + i] = s[AM + i] * spread / (f4(4) * (nl + nv - nl * nv))
     for c in range(3):
+        t, color = s[c * SPAN :], light[7 + c]
         for i in range(n):
-            s[YR + c * SPAN + i] += light[7 + c] * numbers[mat[i], SHEEN + c] * s[VS + i]
+            t[YR + i] += color * numbers[mat[i], SHEEN + c] * s[VS + i]
 
 
 @kernel(counted=False)
@@ -57,8 +58,9 @@ def add_coat(s, n, light):
         f = s[CC + i] * dielectric(COAT_SLOWED, half)
         s[VS + i] = s[AM + i] / bent * nl * f * ggx(sine, nl, nv, rough * rough)
     for c in range(3):
+        t, color = s[c * SPAN :], light[7 + c]
         for i in range(n):
-            s[YR + c * SPAN + i] += light[7 + c] * s[VS + i]
+            t[YR + i] += color * s[VS + i]
 
 
 @kernel(counted=False)
@@ -78,5 +80,6 @@ def share_of_coat(s, n, sky):
 def add_coat_sky(s, n):
     """The light from all around, which is in LX.., times what the coat mirrors of it."""
     for c in range(3):
+        t = s[c * SPAN :]
         for i in range(n):
-            s[YR + c * SPAN + i] += s[VS + i] * s[LX + c * SPAN + i]
+            t[YR + i] += s[VS + i] * t[LX + i]

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import MATERIAL, METALLIC, PHONG, SLOT, SPAN, UNLIT
 from torchrender.kernels.shading.simd import (
     HALF,
@@ -24,6 +23,7 @@ from torchrender.kernels.shading.simd import (
     log2,
     weighed,
 )
+from torchrender.kernels.shading.spread import spread
 
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
@@ -45,9 +45,9 @@ SMOOTHEST, LEAST_COSINE, COAT_F0, COAT_SLOWED = f4(0.045), f4(1e-3), f4(0.04), f
 def add_phong(s, n, light, shiny):
     """One light's diffuse and mirrored irradiance."""
     for c in range(3):
-        color = light[7 + c] * INV_PI
+        t, color = s[c * SPAN :], light[7 + c] * INV_PI
         for i in range(n):
-            s[DR + c * SPAN + i] += color * s[AM + i]
+            t[DR + i] += color * s[AM + i]
     if shiny:
         for i in range(n):
             nx, ny, nz = s[NX + i], s[NY + i], s[NZ + i]
@@ -56,9 +56,9 @@ def add_phong(s, n, light, shiny):
             c = min(max((d * nx - ex) * lx + (d * ny - ey) * ly + (d * nz - ez) * lz, ZERO), ONE)
             s[VS + i] = s[AM + i] * exp2(s[SH + i] * log2(max(c, TINY)))
         for c in range(3):
-            color = light[7 + c]
+            t, color = s[c * SPAN :], light[7 + c]
             for i in range(n):
-                s[SR + c * SPAN + i] += color * s[VS + i]
+                t[SR + i] += color * s[VS + i]
 
 
 @kernel(inline=True, counted=False)
@@ -85,9 +85,9 @@ def read_at(table, corners, c):
 @kernel(counted=False)
 def find(s, n, size, cosine, roughness):
     """Where tables of that size are read for numbers in two slots, both from 0 to 1, into TA, TU, TV."""
-    last = f4(size - 1)
+    last, facing, rough = f4(size - 1), s[cosine:], s[roughness:]
     for i in range(n):
-        x, y = math.sqrt(s[cosine + i]) * last, s[roughness + i] * last
+        x, y = math.sqrt(facing[i]) * last, rough[i] * last
         column, row = min(np.floor(x), last - ONE), min(np.floor(y), last - ONE)
         s[TA + i], s[TU + i], s[TV + i] = row * f4(size) + column, x - column, y - row
 
@@ -200,13 +200,14 @@ def begin_metallic(work, n, looks, cloth):
     for i in range(n):
         s[VS + i] = open_share(s[NV + i], s[OC + i], s[RO + i])
     for c in range(3):
+        t = s[c * SPAN :]
         for i in range(n):
-            mirrored = s[WR + c * SPAN + i] * s[LX + c * SPAN + i] * s[VS + i]
-            s[LX + c * SPAN + i] = mirrored  # what mirrors replace, for those who ask
-            s[YR + c * SPAN + i] = s[OR + c * SPAN + i] + s[MR + c * SPAN + i] * s[DR + c * SPAN + i] + mirrored
+            mirrored = t[WR + i] * t[LX + i] * s[VS + i]
+            t[LX + i] = mirrored  # what mirrors replace, for those who ask
+            t[YR + i] = t[OR + i] + t[MR + i] * t[DR + i] + mirrored
         if cloth:
             for i in range(n):
-                s[YR + c * SPAN + i] += numbers[mat[i], SHEEN + c] * s[CL + i] * s[DR + c * SPAN + i]
+                t[YR + i] += numbers[mat[i], SHEEN + c] * s[CL + i] * t[DR + i]
 
 
 @kernel(inline=True, counted=False)
@@ -272,24 +273,25 @@ def add_metallic(s, n, sky, light):
 @kernel(counted=False)
 def write(work, n, bits, looks, out):
     """Radiance of each pixel by the kind of its material."""
-    s, pix, mat, numbers, kinds = work.s, work.pix, work.mat, looks.numbers, looks.groups_of
-    radiance = out.radiance
+    s, pix, numbers, radiance = work.s, work.pix, looks.numbers, out.radiance
     if bits & 16 > 0:
         spread(work, n, AM, numbers, DEGREE)
         spread(work, n, VS, numbers, LOBE)
         for c in range(3):
+            t = s[c * SPAN :]
             for i in range(n):
-                degree = s[AM + i] * s[VS + i] * s[HA + i]
-                s[OR + c * SPAN + i] += degree * s[HR + c * SPAN + i] * s[SR + c * SPAN + i]
+                t[OR + i] += s[AM + i] * s[VS + i] * s[HA + i] * t[HR + i] * t[SR + i]
     for c in range(3):
+        t = s[c * SPAN :]
         for i in range(n):
-            s[DR + c * SPAN + i] = s[BR + c * SPAN + i] * s[DR + c * SPAN + i] + s[OR + c * SPAN + i]
+            t[DR + i] = t[BR + i] * t[DR + i] + t[OR + i]
     if bits & 7 != 1 << PHONG:
-        for i in range(n):
-            kind = kinds[mat[i], 2]
-            for c in range(3):
-                value = s[YR + c * SPAN + i] if kind == METALLIC else s[DR + c * SPAN + i]
-                s[DR + c * SPAN + i] = s[BR + c * SPAN + i] if kind == UNLIT else value
+        spread(work, n, AM, looks.groups_of, 2)
+        for c in range(3):
+            t = s[c * SPAN :]
+            for i in range(n):
+                value = t[YR + i] if s[AM + i] == f4(METALLIC) else t[DR + i]
+                t[DR + i] = t[BR + i] if s[AM + i] == f4(UNLIT) else value
     for i in range(n):
         p = pix[i]
         for c in range(3):

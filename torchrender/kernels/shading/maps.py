@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.gather import spread
 from torchrender.kernels.shading.records import LEVELS, MATERIAL, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, ONE, TINY, TWO, ZERO, f4, weighed
+from torchrender.kernels.shading.simd import HALF, ONE, TINY, TWO, ZERO, bits_of, f4, float_of, weighed
+from torchrender.kernels.shading.spread import spread
 
 U, V, LV, U1, V1, L1, VS = (SLOT[n] for n in ("U", "V", "LV", "U1", "V1", "L1", "VS"))
 OC, RO, ME, QX, QY, QZ = (SLOT[n] for n in ("OC", "RO", "ME", "QX", "QY", "QZ"))
@@ -19,6 +19,10 @@ EX, EY, EZ, TX, TY, TZ, TW = (SLOT[n] for n in ("EX", "EY", "EZ", "TX", "TY", "T
 NORMAL_SCALE, OCCLUSION, EMISSION, TINT = (MATERIAL[n] for n in ("normal_scale", "occlusion", "emission", "tint"))
 METALLIC, ROUGHNESS, COAT = MATERIAL["metallic"], MATERIAL["roughness"], MATERIAL["coat"]
 DEGREE, WEIGHT = MATERIAL["degree"], MATERIAL["weight"]
+TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
+FINER, COARSER, ACROSS, DOWN = (SLOT[n] for n in ("FR", "WR", "HC", "HD"))
+SHARE, LEVEL, FOUND = (SLOT[n] for n in ("IN", "NV", "LA"))
+"""Scratch of light, which is not there yet: places in textures, eight slots for each of two levels."""
 LEAST_TILT = f4(1e-4)
 REPEAT, MIRROR, CLAMP = 0, 1, 2
 TRILINEAR, BILINEAR, NEAREST = 0, 1, 2
@@ -45,110 +49,168 @@ def constants(work, n, looks, physical):
 def placed(x, wrap):
     """A coordinate moved into [0, 1]; float64: what is far from the unit square keeps its fraction."""
     if wrap == REPEAT:
-        return f4(x - np.floor(x))
+        return x - np.floor(x)
     if wrap == CLAMP:
-        return f4(min(max(x, 0.0), 1.0))
+        return min(max(x, 0.0), 1.0)
     half = x * 0.5
-    return f4(1.0 - abs(1.0 - 2.0 * (half - np.floor(half))))
+    return 1.0 - abs(1.0 - 2.0 * (half - np.floor(half)))
 
 
 @kernel(inline=True, counted=False)
 def neighbours(place, size, wrap):
-    """The two texels about a place in [0, 1] along one axis, and the share of the second."""
-    x = place * f4(size) - HALF
+    """The two texels about a place in [0, 1] along one axis, and the share of the second; whole numbers as float32."""
+    x = place * size - HALF
     low = np.floor(x)
-    i = np.int32(low)
-    j = i + np.int32(1)
     if wrap == REPEAT:
-        i = i + size if i < 0 else (i - size if i >= size else i)
-        j = i + np.int32(1) if i + np.int32(1) < size else np.int32(0)
+        i = low + size if low < ZERO else (low - size if low >= size else low)
+        j = i + ONE if i + ONE < size else ZERO
     else:
-        i, j = min(max(i, np.int32(0)), size - np.int32(1)), min(max(j, np.int32(0)), size - np.int32(1))
+        i, j = min(max(low, ZERO), size - ONE), min(max(low + ONE, ZERO), size - ONE)
     return i, j, x - low
 
 
-@kernel(inline=True, counted=False)
-def corners(groups, g, level, across, down, channels):
-    """First numbers of the four texels about a place, and their weights."""
-    k = LEVELS + 3 * level
-    width, height = np.int32(groups[g, k + 1]), np.int32(groups[g, k + 2])
-    i0, i1, a = neighbours(across, width, groups[g, 1])
-    j0, j1, b = neighbours(down, height, groups[g, 2])
-    first = groups[g, k]
-    upper, lower = np.int64(j0) * width, np.int64(j1) * width
-    w11, w10 = a * b, b - a * b
-    w01 = a - w11
-    return (
-        first + (upper + i0) * channels, first + (upper + i1) * channels,
-        first + (lower + i0) * channels, first + (lower + i1) * channels,
-        ONE - a - w10, w01, w10, w11,
-    )  # fmt: skip
+@kernel(counted=False)
+def lay(s, n, g, looks, given):
+    """Places of ``n`` pixels in the textures of group ``g`` into ACROSS and DOWN, number of the finer level into LEVEL
+    and the share of the coarser one into SHARE; ``given`` = slots of texture coordinates and footprints.
+    """
+    t, row = looks.transforms[g], looks.groups[g]
+    a, b, c = np.float64(t[0]), np.float64(t[1]), np.float64(t[2])
+    d, e, f = np.float64(t[3]), np.float64(t[4]), np.float64(t[5])
+    wrap_u, wrap_v = row[1], row[2]
+    bias, most = t[6], ZERO if row[3] == BILINEAR else f4(row[0] - 1)
+    first, second, footprint = s[given[0] :], s[given[1] :], s[given[2] :]
+    for k in range(n):
+        u, v = np.float64(first[k]), np.float64(second[k])
+        u, v = a * u + b * v + c, d * u + e * v + f
+        finite = abs(u) + abs(v) < np.inf
+        u, v = u if finite else 0.0, v if finite else 0.0
+        s[ACROSS + k] = f4(placed(u, wrap_u))
+        s[DOWN + k] = f4(placed(-v, wrap_v) if wrap_v == REPEAT else 1.0 - placed(v, wrap_v))
+    for k in range(n):
+        level = min(max(footprint[k] + bias, ZERO), most)
+        s[LEVEL + k] = np.floor(level)
+        s[SHARE + k] = level - np.floor(level)
+
+
+@kernel(counted=False)
+def corners(s, n, row, coarser, to):
+    """Four texels of the finer (0) or coarser (1) level about the places by :func:`lay`: rows and columns of numbers as
+    bits into two slots each from ``to`` on, then four weights.
+    """
+    width, height, channels = f4(row[LEVELS + 1]), f4(row[LEVELS + 2]), np.int32(row[5])
+    wrap_u, wrap_v, made = row[1], row[2], s[to:]
+    for k in range(n):
+        number = np.int32(s[LEVEL + k]) + np.int32(coarser)
+        halved = float_of(np.int32((np.int32(127) - np.int32(number)) << np.int32(23)))
+        wide, high = max(np.floor(width * halved), ONE), max(np.floor(height * halved), ONE)
+        i0, i1, a = neighbours(s[ACROSS + k], wide, wrap_u)
+        j0, j1, b = neighbours(s[DOWN + k], high, wrap_v)
+        made[k] = float_of(np.int32(np.int32(j0) * np.int32(wide)))
+        made[SPAN + k] = float_of(np.int32(np.int32(j1) * np.int32(wide)))
+        made[2 * SPAN + k] = float_of(np.int32(np.int32(i0) * channels))
+        made[3 * SPAN + k] = float_of(np.int32(np.int32(i1) * channels))
+        factor = s[SHARE + k] if coarser else ONE - s[SHARE + k]
+        w11 = a * b
+        w01, w10 = a - w11, b - w11
+        made[4 * SPAN + k], made[5 * SPAN + k] = (ONE - a - w10) * factor, w01 * factor
+        made[6 * SPAN + k], made[7 * SPAN + k] = w10 * factor, w11 * factor
 
 
 @kernel(inline=True, counted=False)
-def sample(s, i, g, groups, transforms, texels):
-    """Multiply the numbers of pixel ``i`` by the textures of group ``g``."""
-    second = groups[g, 4] == 1
-    u, v = np.float64(s[U1 + i] if second else s[U + i]), np.float64(s[V1 + i] if second else s[V + i])
-    if groups[g, 6] == 0:
-        t = transforms[g]
-        u, v = (
-            np.float64(t[0]) * u + np.float64(t[1]) * v + np.float64(t[2]),
-            np.float64(t[3]) * u + np.float64(t[4]) * v + np.float64(t[5]),
-        )
-    if not (math.isfinite(u) and math.isfinite(v)):
-        u, v = np.float64(0.0), np.float64(0.0)
-    across = placed(u, groups[g, 1])
-    down = f4(np.ceil(v) - v) if groups[g, 2] == REPEAT else ONE - placed(v, groups[g, 2])
-    channels = groups[g, 5]
-    if groups[g, 3] == NEAREST:
-        width, height = groups[g, LEVELS + 1], groups[g, LEVELS + 2]
-        column = min(np.int64(across * f4(width)), width - 1)
-        line = min(np.int64(down * f4(height)), height - 1)
-        at = groups[g, LEVELS] + (line * width + column) * channels
-        for c in range(channels):
-            s[groups[g, 8 + c] + i] *= texels[at + c]
-        return
-    level = min(max((s[L1 + i] if second else s[LV + i]) + transforms[g, 6], ZERO), f4(groups[g, 0] - 1))
-    level = ZERO if groups[g, 3] == BILINEAR else level
-    k = np.int64(level)
-    share = level - f4(k)
-    rest = ONE - share
-    p0, p1, p2, p3, a0, a1, a2, a3 = corners(groups, g, k, across, down, channels)
-    if share > ZERO:
-        q0, q1, q2, q3, b0, b1, b2, b3 = corners(groups, g, k + np.int64(1), across, down, channels)
-        weights = a0 * rest, a1 * rest, a2 * rest, a3 * rest, b0 * share, b1 * share, b2 * share, b3 * share
-        for c in range(0, channels, 4):
-            places = p0 + c, p1 + c, p2 + c, p3 + c, q0 + c, q1 + c, q2 + c, q3 + c
-            multiply(s, i, g, groups, c, weighed(texels, places, weights))
+def places(s, k, at, first, channels):
+    """First numbers of the four texels of pixel ``k`` by :func:`corners`, and their weights."""
+    upper = first + np.int64(bits_of(s[at + k])) * channels
+    lower = first + np.int64(bits_of(s[at + SPAN + k])) * channels
+    i0, i1 = np.int64(bits_of(s[at + 2 * SPAN + k])), np.int64(bits_of(s[at + 3 * SPAN + k]))
+    weights = s[at + 4 * SPAN + k], s[at + 5 * SPAN + k], s[at + 6 * SPAN + k], s[at + 7 * SPAN + k]
+    return (upper + i0, upper + i1, lower + i0, lower + i1), weights
+
+
+@kernel(counted=False)
+def blend_texels(s, n, row, texels, skip):
+    """Four channels of all textures of a group, those after ``skip``, into FOUND and the next slots."""
+    channels = row[5]
+    for k in range(n):
+        level = np.uintp(LEVELS) + np.uintp(3) * np.uintp(s[LEVEL + k])
+        p, a = places(s, k, FINER, row[level] + skip, channels)
+        if s[SHARE + k] > ZERO:
+            q, b = places(s, k, COARSER, row[level + np.uintp(3)] + skip, channels)
+            found = weighed(texels, p + q, a + b)
+        else:
+            found = weighed(texels, p, a)
+        s[FOUND + k], s[FOUND + SPAN + k], s[FOUND + 2 * SPAN + k], s[FOUND + 3 * SPAN + k] = found
+
+
+@kernel(counted=False)
+def nearest_texels(s, n, row, texels, skip):
+    """The same of the finest level without a blend."""
+    width, height, channels = row[LEVELS + 1], row[LEVELS + 2], row[5]
+    for k in range(n):
+        column = min(np.int64(s[ACROSS + k] * f4(width)), width - 1)
+        line = min(np.int64(s[DOWN + k] * f4(height)), height - 1)
+        at = row[LEVELS] + (line * width + column) * channels + skip
+        for c in range(min(channels - skip, 4)):
+            s[FOUND + c * SPAN + k] = texels[at + c]
+
+
+@kernel(counted=False)
+def multiply(s, n, rows, every, slot, found):
+    """Numbers of the pixels in ``rows`` times those found for them; ``every``: these are all pixels, in order."""
+    to, factor = s[slot:], s[found:]
+    if every:
+        for k in range(n):
+            to[k] *= factor[k]
     else:
-        for c in range(0, channels, 4):
-            found = weighed(texels, (p0 + c, p1 + c, p2 + c, p3 + c), (a0, a1, a2, a3))
-            multiply(s, i, g, groups, c, found)
+        for k in range(n):
+            to[rows[k]] *= factor[k]
 
 
-@kernel(inline=True, counted=False)
-def multiply(s, i, g, groups, c, found):
-    """Numbers of pixel ``i`` times those of up to four channels of group ``g``, from channel ``c`` on."""
-    left = groups[g, 5] - c
-    s[groups[g, 8 + c] + i] *= found[0]
-    if left > 1:
-        s[groups[g, 9 + c] + i] *= found[1]
-    if left > 2:
-        s[groups[g, 10 + c] + i] *= found[2]
-    if left > 3:
-        s[groups[g, 11 + c] + i] *= found[3]
+@kernel(counted=False)
+def sample(work, n, every, g, looks):
+    """Multiply the numbers of ``n`` pixels, see :func:`multiply`, by the textures of group ``g``."""
+    s, rows, row = work.s, work.runs, looks.groups[g]
+    given = (U1, V1, L1) if row[4] == 1 else (U, V, LV)
+    if not every:
+        first, second, footprint = s[given[0] :], s[given[1] :], s[given[2] :]
+        for k in range(n):
+            i = rows[k]
+            s[TA + k], s[TU + k], s[TV + k] = first[i], second[i], footprint[i]
+        given = (TA, TU, TV)
+    lay(s, n, g, looks, given)
+    if row[3] != NEAREST:
+        corners(s, n, row, 0, FINER)
+        corners(s, n, row, 1, COARSER)
+    channels = row[5]
+    for skip in range(0, channels, 4):
+        if row[3] == NEAREST:
+            nearest_texels(s, n, row, looks.texels, skip)
+        else:
+            blend_texels(s, n, row, looks.texels, skip)
+        for c in range(min(channels - skip, 4)):
+            multiply(s, n, rows, every, row[8 + skip + c], FOUND + c * SPAN)
 
 
 @kernel(counted=False)
 def textures(work, n, looks):
-    """All textures of all pixels."""
-    s, mat = work.s, work.mat
-    groups_of, groups, transforms, texels = looks.groups_of, looks.groups, looks.transforms, looks.texels
-    for i in range(n):
-        m = mat[i]
-        for g in range(groups_of[m, 0], groups_of[m, 1]):
-            sample(s, i, np.int64(g), groups, transforms, texels)
+    """All textures of all pixels, material by material: what does not depend on the pixel stays out of the loops."""
+    mat, rows, count = work.mat, work.runs, work.found[3]
+    for k in range(n if count == 0 else count):
+        m = mat[k] if count == 0 else work.kinds[k]
+        begin, end = looks.groups_of[m, 0], looks.groups_of[m, 1]
+        if begin == end:
+            continue
+        chosen = np.uintp(0)
+        if count == 0:
+            rows[0], chosen = np.uint32(k), np.uintp(1)
+        elif count == 1:
+            chosen = np.uintp(n)
+        else:
+            for i in range(n):
+                rows[chosen] = np.uint32(i)
+                chosen = chosen + np.uintp(1 if mat[i] == m else 0)
+        for g in range(begin, end):
+            sample(work, np.int64(chosen), count == 1, np.int64(g), looks)
 
 
 @kernel(counted=False)

@@ -89,7 +89,7 @@ def _compiled(wanted: frozenset[str], writeable: tuple[bool, ...], told: _Types)
     number, light, work = types.int64, typeof(np.zeros(1, np.float32)), typeof(_work())
     arguments = {
         "surfaces": (types.UniTuple(number, 4), samples, view, packed, looks, work),
-        "further": (samples, packed, work, number),
+        "further": (packed, work, number),
         "textures": (looks, work, number),
         "bend": (looks, work, number),
         "surface": (out, work, number),
@@ -118,4 +118,4 @@ def _compiled(wanted: frozenset[str], writeable: tuple[bool, ...], told: _Types)
 
 def _work() -> Work:
     small, whole = np.zeros(1, np.uint32), np.zeros(1, np.int64)
-    return Work(np.zeros(1, np.float32), small, small, small, small, whole, np.zeros(1, np.bool_), small)
+    return Work(np.zeros(1, np.float32), small, small, small, small, whole, np.zeros(1, np.bool_), small, small)

@@ -45,9 +45,9 @@ def surfaces(box, samples, view, packed, looks, work):
 
 
 @stage("further")
-def further(samples, packed, work, n):
+def further(packed, work, n):
     """Second texture coordinates and tangents."""
-    gather_further(samples, packed, work.s, n, work.pix)
+    gather_further(packed, work, n)
 
 
 @stage("textures")

@@ -10,6 +10,8 @@ SPAN = 512
 """Pixels per tile at most: their scratch stays in the cache of a core, and calls of stages weigh little."""
 TILE = (128, 4)
 """Columns and rows of a tile."""
+MOST_KINDS = 16
+"""Materials of a tile that its pixels are told apart by; where there are more, each pixel looks up its own."""
 
 IRRADIANCE_SIDE = 64
 """Texels per side of the octahedral map of irradiance, without its edge."""
@@ -176,9 +178,10 @@ class Work(NamedTuple):
 
     s: np.ndarray  # (SLOTS * SPAN,) float32
     pix: np.ndarray  # (SPAN,) uint32 place of each covered pixel in the flat image
-    mat: np.ndarray  # (SPAN,) uint32 material
+    mat: np.ndarray  # (SPAN,) uint32 material, a part of near
     empty: np.ndarray  # (SPAN,) uint32 place of each empty pixel
-    near: np.ndarray  # (4 * SPAN,) uint32 triangle and its three corners
-    found: np.ndarray  # (4,) int64 covered pixels, empty ones, bits of their materials, runs of these, see gather
+    near: np.ndarray  # (5 * SPAN,) uint32 triangle, its three corners, and again the material
+    found: np.ndarray  # (4,) int64 covered pixels, empty ones, bits of their materials, how many kinds has
     lit: np.ndarray  # (L,) bool lights that may reach the tile
-    runs: np.ndarray  # (SPAN + 1,) uint32 where pixels begin that follow one another and share a material, and the end
+    runs: np.ndarray  # (SPAN + 1,) uint32 where pixels begin that follow one another and share a triangle, and the end
+    kinds: np.ndarray  # (MOST_KINDS,) uint32 materials of the tile in rising order

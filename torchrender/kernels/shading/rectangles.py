@@ -54,10 +54,11 @@ def flattened(facing):
 @kernel(counted=False)
 def lay(s, n, table, normal, rough):
     """How the lobes lie about the normals in slot ``normal``, for :func:`filled`, into LA, LB, LC, LD, LE."""
+    up, roughness = s[normal:], s[rough:]
     for i in range(n):
-        facing = s[normal + i] * s[EX + i] + s[normal + SPAN + i] * s[EY + i] + s[normal + 2 * SPAN + i] * s[EZ + i]
+        facing = up[i] * s[EX + i] + up[SPAN + i] * s[EY + i] + up[2 * SPAN + i] * s[EZ + i]
         s[FL + i] = flattened(facing)
-        s[TV + i] = min(max(s[rough + i], SMOOTHEST), ONE)
+        s[TV + i] = min(max(roughness[i], SMOOTHEST), ONE)
     find(s, n, table.shape[0], FL, TV)
     for i in range(n):
         at, u, v = s[TA + i], s[TU + i], s[TV + i]
@@ -70,9 +71,10 @@ def filled(s, n, light, normal):
     """Share of the lobes that the rectangle fills, as far as it is visible, into FL; after :func:`lay`."""
     ax, ay, az, bx, by, bz = light[16], light[17], light[18], light[19], light[20], light[21]
     cx, cy, cz, dx, dy, dz = light[22], light[23], light[24], light[25], light[26], light[27]
+    ups = s[normal:]
     for i in range(n):
         x, y, z = s[PX + i], s[PY + i], s[PZ + i]
-        up = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
+        up = ups[i], ups[SPAN + i], ups[2 * SPAN + i]
         eye = s[EX + i], s[EY + i], s[EZ + i]
         facing = dot(up, eye)
         nv = flattened(facing)
@@ -139,12 +141,12 @@ def add_metallic_rectangle(s, n, sky, light):
     for i in range(n):
         s[TU + i], s[TV + i] = fresnel(s, i, s[TA + i])
     for c in range(3):
-        color = light[7 + c]
+        t, color = s[c * SPAN :], light[7 + c]
         for i in range(n):
             share = s[FL + i]
-            some = (s[TU + i] + s[FR + c * SPAN + i] * s[TV + i]) * s[KR + c * SPAN + i] * s[AB + i]
-            mirrored = share * (some + share * (s[WR + c * SPAN + i] - some))
-            s[YR + c * SPAN + i] += color * (s[MR + c * SPAN + i] * s[MA + i] + mirrored)
+            some = (s[TU + i] + t[FR + i] * s[TV + i]) * t[KR + i] * s[AB + i]
+            mirrored = share * (some + share * (t[WR + i] - some))
+            t[YR + i] += color * (t[MR + i] * s[MA + i] + mirrored)
 
 
 @kernel(counted=False)

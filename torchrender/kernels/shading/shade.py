@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.atomics import borrowed, foresee, keep
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.shading.records import METALLIC, PHONG, RECT, SLOT, SLOTS, SPAN, Work
+from torchrender.kernels.shading.records import METALLIC, MOST_KINDS, PHONG, RECT, SLOT, SLOTS, SPAN, Work
 from torchrender.kernels.shading.simd import ONE, ZERO, f4
 from torchrender.kernels.stages import run
 
-CC, VS = SLOT["CC"], SLOT["VS"]
+NX, NY, NZ, SX, SY, SZ, CC, VS = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ", "CC", "VS"))
+
+LINE = 8
+"""Numbers of 64 bits in a line of the cache."""
 
 
 @kernel(counted=False)
@@ -38,6 +41,33 @@ def arrives(s, n, pix, number, reach):
         s[VS + i] = f
         most = max(most, f)
     return most > ZERO
+
+
+@kernel(counted=False)
+def smooth(s, n):
+    """Normals of the smooth surface, in place of the weights in its triangles: maps bend the others."""
+    for i in range(n):
+        s[SX + i], s[SY + i], s[SZ + i] = s[NX + i], s[NY + i], s[NZ + i]
+
+
+@kernel(counted=False)
+def bring(box, samples, out):
+    """Have what a tile of an image reads and writes fetched from memory: a few short pieces of each of many rows are
+    nothing that processors foresee by themselves.
+    """
+    x0, x1, y0, y1 = box
+    width = samples.triangle.shape[1]
+    triangle = samples.triangle.reshape(samples.triangle.size)
+    weights, depth = samples.weights.reshape(samples.weights.size), samples.depth.reshape(samples.depth.size)
+    for y in range(y0, y1):
+        for x in range(y * width + x0, y * width + x1, LINE):
+            foresee(triangle, np.uintp(x))
+            foresee(weights, np.uintp(2 * x))
+        for x in range(y * width + x0, y * width + x1, 2 * LINE):
+            foresee(depth, np.uintp(x))
+        if out.radiance.shape[0] > 0:
+            for x in range(y * width + x0, y * width + x1, LINE // 2):
+                foresee(out.radiance, np.uintp(x))
 
 
 @kernel(counted=False)
@@ -70,7 +100,8 @@ def tile(box, seen, looks, sky, reach, out, work, stages):
     if n == 0:
         return
     if stages.further != 0:
-        run(stages.further, (samples, packed, work, n))
+        run(stages.further, (packed, work, n))
+    smooth(s, n)
     if stages.textures != 0:
         run(stages.textures, (looks, work, n))
     if bits & 8 > 0 and packed.tangent_row.shape[0] > 0:
@@ -129,16 +160,22 @@ def shade(samples, view, packed, looks, sky, reach, out, stages):
     blocks = (width + side - 1) // side
     for worker in prange(workers):
         s = np.zeros(SLOTS * SPAN, np.float32)
-        pix, mat, empty = np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32)
-        near, runs = np.zeros(4 * SPAN, np.uint32), np.zeros(SPAN + 1, np.uint32)
+        pix, empty = np.zeros(SPAN, np.uint32), np.zeros(SPAN, np.uint32)
+        near, runs = np.zeros(5 * SPAN, np.uint32), np.zeros(SPAN + 1, np.uint32)
+        kinds, mat = np.zeros(MOST_KINDS, np.uint32), near[4 * SPAN :]
         found, lit = np.zeros(4, np.int64), np.ones(reach.lights.shape[0], np.bool_)
         shown, look = (borrowed(samples), borrowed(view), borrowed(packed)), borrowed(looks)
         around, light, target = borrowed(sky), borrowed(reach), borrowed(out)
         parts = (borrowed(s), borrowed(pix), borrowed(mat), borrowed(empty), borrowed(near))
-        work = Work(*parts, borrowed(found), borrowed(lit), borrowed(runs))
+        work = Work(*parts, borrowed(found), borrowed(lit), borrowed(runs), borrowed(kinds))
         for k in range(np.int64(worker), tiles, workers):
             x0, y0 = k % across * columns, k // across * rows
             box = (x0, min(x0 + columns, width), y0, min(y0 + rows, height))
             if light.starts.shape[0] > 1:
                 find_lit(box, blocks, side, light, work.lit)
+            if shown[0].position.shape[0] == 0 and k + workers < tiles:
+                x0, y0 = (k + workers) % across * columns, (k + workers) // across * rows
+                following = (x0, min(x0 + columns, width), y0, min(y0 + rows, height))
+                bring(following, shown[0], target)
             tile(box, shown, look, around, light, target, work, stages)
+        keep((s, pix, mat, empty, near, found, lit, runs, kinds))

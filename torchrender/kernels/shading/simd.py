@@ -70,6 +70,48 @@ def weighed(context: Any, values: Any, places: Any, weights: Any) -> Any:  # noq
     return types.UniTuple(types.float32, 4)(values, places, weights), make
 
 
+_LOW, _HIGH = (0, 8, 1, 9, 4, 12, 5, 13), (2, 10, 3, 11, 6, 14, 7, 15)
+_FIRST, _LAST = (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15)
+_LEFT, _RIGHT, _BOTH = (0, 1, 2, 3, 8, 9, 10, 11), (4, 5, 6, 7, 12, 13, 14, 15), (0, 1, 2, 3, 4, 5, 6, 7)
+"""Which of the numbers of two vectors of eight a step of :func:`columns` takes, in halves of four; _BOTH: of four."""
+
+
+@intrinsic
+def columns(context: Any, values: Any, places: Any, target: Any, slots: Any) -> Any:  # noqa: ARG001
+    """Eight rows of four or eight numbers of 32 bits, from ``values[place]`` on each, into columns of eight:
+    ``target[slot : slot + 8]`` for each number of a row. ``places`` (8,) int64, ``slots`` (4,) or (8,) int64.
+    """
+    assert len(places) == 8 and len(slots) in (4, 8)
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        width = len(signature.args[3])
+        row, column = (ir.VectorType(ir.FloatType(), size).as_pointer() for size in (width, 8))
+        source, sink = (arrayobj.make_array(signature.args[k])(context, builder, value=args[k]).data for k in (0, 2))
+
+        def mixed(a: Any, b: Any, taken: tuple[int, ...]) -> Any:
+            return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), 8), list(taken)))
+
+        addresses = [builder.gep(source, [builder.extract_value(args[1], k)]) for k in range(8)]
+        rows = [builder.load(builder.bitcast(one, row), align=4) for one in addresses]
+        if width == 4:
+            rows = [mixed(rows[k], rows[k + 4], _BOTH) for k in range(4)]
+        pairs = [mixed(rows[k], rows[k + 1], how) for k in range(0, len(rows), 2) for how in (_LOW, _HIGH)]
+        fours = [
+            mixed(pairs[k + half], pairs[k + half + 2], how)
+            for k in range(0, len(rows), 4)
+            for half in (0, 1)
+            for how in (_FIRST, _LAST)
+        ]
+        if width == 8:
+            fours = [mixed(fours[k], fours[k + 4], how) for how in (_LEFT, _RIGHT) for k in range(4)]
+        for k, found in enumerate(fours):
+            at = builder.gep(sink, [builder.extract_value(args[3], k)])
+            builder.store(found, builder.bitcast(at, column), align=4)
+        return context.get_dummy_value()
+
+    return types.void(values, places, target, slots), make
+
+
 @kernel(inline=True, counted=False)
 def log2(x):
     """Logarithm of a positive normal number."""
@@ -90,8 +132,8 @@ def log2(x):
 
 @kernel(inline=True, counted=False)
 def exp2(x):
-    """Two to the power of ``x`` <= 127."""
-    x = max(x, f4(-126))
+    """Two to the power of ``x`` <= 127; at least 2^-100, as products of less would be subnormal, which is slow."""
+    x = max(x, f4(-100))
     r = np.floor(x + HALF)
     f = x - r
     p = ((((EXP[5] * f + EXP[4]) * f + EXP[3]) * f + EXP[2]) * f + EXP[1]) * f + EXP[0]

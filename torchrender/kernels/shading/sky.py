@@ -9,12 +9,15 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.lobes import four_at
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE, SLOT, SPAN
-from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, f4, weighed
+from torchrender.kernels.shading.simd import HALF, INV_PI, ONE, TINY, TWO, ZERO, angle, bits_of, f4, float_of, weighed
 
 NX, NY, NZ, EX, EY, EZ = (SLOT[n] for n in ("NX", "NY", "NZ", "EX", "EY", "EZ"))
 SX, SY, SZ, TA, TU, TV, FL = (SLOT[n] for n in ("SX", "SY", "SZ", "TA", "TU", "TV", "FL"))
-DR, DG, DB, SR, SG, LX, LY, LZ, OC = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "LX", "LY", "LZ", "OC"))
-LA, LB, LC, LD, LE = (SLOT[n] for n in ("LA", "LB", "LC", "LD", "LE"))
+DR, DG, DB, SR, SG, SB, LX, LY, LZ, OC = (SLOT[n] for n in "DR DG DB SR SG SB LX LY LZ OC".split())
+LA, LB, LC, LD, LE, MA = (SLOT[n] for n in ("LA", "LB", "LC", "LD", "LE", "MA"))
+C0, C1, C2, C3, C4, C5, C6, C7, C8, C9 = (SLOT[n] for n in "U V LV U1 V1 L1 TX TY TZ TW".split())
+QX, QY, QZ = (SLOT[n] for n in ("QX", "QY", "QZ"))
+"""Scratch: after textures and normal maps nobody reads what was in these slots."""
 
 
 @kernel(inline=True, counted=False)
@@ -28,14 +31,26 @@ def octahedral(x, y, z):
 
 
 @kernel(inline=True, counted=False)
-def map_corners(first, side, across, down):
-    """First numbers of the four texels about a place in a map with an edge of one texel, and their weights."""
-    x, y = across * f4(side) + HALF, down * f4(side) + HALF
-    i, j = min(np.int64(x), side), min(np.int64(y), side)
-    at, row = (first + j * (side + 2) + i) * 3, (side + 2) * 3
-    u, v = x - f4(i), y - f4(j)
+def map_place(side, across, down):
+    """Where a map with an edge of one texel is read: texel, as bits, and shares of the next column and row."""
+    x, y = across * side + HALF, down * side + HALF
+    column, row = min(np.floor(x), side), min(np.floor(y), side)
+    texel = np.int32(np.int32(row) * np.int32(side + TWO) + np.int32(column))
+    return float_of(texel), x - column, y - row
+
+
+@kernel(inline=True, counted=False)
+def map_weights(u, v, factor):
+    """Weights of the four texels about a place, times ``factor``."""
     w11 = u * v
-    return (at, at + 3, at + row, at + row + 3), (ONE - u - v + w11, u - w11, v - w11, w11)
+    return (ONE - u - v + w11) * factor, (u - w11) * factor, (v - w11) * factor, w11 * factor
+
+
+@kernel(inline=True, counted=False)
+def map_corners(first, side, texel):
+    """First numbers of the four texels about a place by :func:`map_place`."""
+    at, row = (first + np.int64(bits_of(texel))) * 3, (np.int64(side) + 2) * 3
+    return at, at + 3, at + row, at + row + 3
 
 
 @kernel(counted=False)
@@ -46,29 +61,35 @@ def diffuse(s, n, pix, sky, reach):
         for i in range(n):
             s[OC + i] *= reach.around[pix[i]]
     for c in range(3):
-        even = ambient[c]
+        t, even = s[c * SPAN :], ambient[c]
         for i in range(n):
-            s[DR + c * SPAN + i] = even
-            s[SR + c * SPAN + i] = ZERO
+            t[DR + i] = even
+            t[SR + i] = ZERO
     if texels.shape[0] > 0:
         bent = reach.bent.shape[0] > 0
         for i in range(n):
-            x, y, z = s[NX + i], s[NY + i], s[NZ + i]
-            if bent:
-                # The open sky's middle was found about the smooth normal: it turns with what a map makes of that.
-                x += reach.bent[pix[i], 0] - s[SX + i]
-                y += reach.bent[pix[i], 1] - s[SY + i]
-                z += reach.bent[pix[i], 2] - s[SZ + i]
-            s[LX + i], s[LY + i] = octahedral(x, y, z)
+            s[LX + i], s[LY + i], s[LZ + i] = s[NX + i], s[NY + i], s[NZ + i]
+        if bent:
+            # The open sky's middle was found about the smooth normal: it turns with what a map makes of that.
+            for i in range(n):
+                s[LX + i] += reach.bent[pix[i], 0] - s[SX + i]
+                s[LY + i] += reach.bent[pix[i], 1] - s[SY + i]
+                s[LZ + i] += reach.bent[pix[i], 2] - s[SZ + i]
         for i in range(n):
-            places, weights = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), s[LX + i], s[LY + i])
+            across, down = octahedral(s[LX + i], s[LY + i], s[LZ + i])
+            s[C0 + i], u, v = map_place(f4(IRRADIANCE_SIDE), across, down)
+            s[C1 + i], s[C2 + i], s[C3 + i], s[C4 + i] = map_weights(u, v, ONE)
+        for i in range(n):
+            places = map_corners(np.int64(0), IRRADIANCE_SIDE, s[C0 + i])
+            weights = s[C1 + i], s[C2 + i], s[C3 + i], s[C4 + i]
             red, green, blue, _ = weighed(texels, places, weights)
             s[DR + i] += red
             s[DG + i] += green
             s[DB + i] += blue
     for c in range(3):
+        t = s[c * SPAN :]
         for i in range(n):
-            s[DR + c * SPAN + i] *= s[OC + i]
+            t[DR + i] *= s[OC + i]
 
 
 @kernel(counted=False)
@@ -80,29 +101,58 @@ def lean(s, n, table, rough):
     """
     for i in range(n):
         at, u, v = s[TA + i], s[TU + i], s[TV + i]
-        part, width, second, second_width = four_at(table, at, u, v, 0)
-        part_other, width_other, second_other, second_width_other = four_at(table, at, u, v, 4)
-        share, share_other, scale, _ = four_at(table, at, u, v, 8)
-        more = min(s[FL + i] * scale, ONE)
-        s[TU + i] = part + more * (part_other - part)
-        s[TV + i] = (width + more * (width_other - width)) * s[rough + i]
-        s[LB + i] = second + more * (second_other - second)
-        s[LC + i] = (second_width + more * (second_width_other - second_width)) * s[rough + i]
-        s[LA + i] = share + more * (share_other - share)
+        s[C0 + i], s[C1 + i], s[C2 + i], s[C3 + i] = four_at(table, at, u, v, 0)
+        s[C4 + i], s[C5 + i], s[C6 + i], s[C7 + i] = four_at(table, at, u, v, 4)
+        s[C8 + i], s[C9 + i], s[LA + i], _ = four_at(table, at, u, v, 8)
+    roughness = s[rough:]
+    for i in range(n):
+        more, width = min(s[FL + i] * s[LA + i], ONE), roughness[i]
+        s[TU + i] = s[C0 + i] + more * (s[C4 + i] - s[C0 + i])
+        s[TV + i] = (s[C1 + i] + more * (s[C5 + i] - s[C1 + i])) * width
+        s[LB + i] = s[C2 + i] + more * (s[C6 + i] - s[C2 + i])
+        s[LC + i] = (s[C3 + i] + more * (s[C7 + i] - s[C3 + i])) * width
+        s[LA + i] = s[C8 + i] + more * (s[C9 + i] - s[C8 + i])
+
+
+@kernel(counted=False)
+def add_filtered(s, n, texels, levels, rough):
+    """Add to QX, QY, QZ what the maps of mirrored light show at the places in LX and LY, times the factor in LZ; for
+    roughness in slot ``rough``.
+    """
+    last, roughness = f4(levels.shape[0] - 1), s[rough:]
+    for i in range(n):
+        level = min(max(roughness[i], ZERO), ONE) * last
+        k = min(np.floor(level), last - ONE)
+        s[MA + i], s[FL + i] = k, level - k
+    for i in range(n):
+        k = np.uintp(s[MA + i])
+        s[LD + i], s[LE + i] = f4(levels[k, 1]), f4(levels[k + np.uintp(1), 1])
+    for i in range(n):
+        across, down, share = s[LX + i], s[LY + i], s[FL + i] * s[LZ + i]
+        s[C0 + i], u, v = map_place(s[LD + i], across, down)
+        s[C1 + i], s[C2 + i], s[C3 + i], s[C4 + i] = map_weights(u, v, s[LZ + i] - share)
+        s[C5 + i], u, v = map_place(s[LE + i], across, down)
+        s[C6 + i], s[C7 + i], s[C8 + i], s[C9 + i] = map_weights(u, v, share)
+    for i in range(n):
+        k = np.uintp(s[MA + i])
+        p = map_corners(levels[k, 0], levels[k, 1], s[C0 + i])
+        k = k + np.uintp(1)
+        q = map_corners(levels[k, 0], levels[k, 1], s[C5 + i])
+        first = s[C1 + i], s[C2 + i], s[C3 + i], s[C4 + i]
+        second = s[C6 + i], s[C7 + i], s[C8 + i], s[C9 + i]
+        r, g, b, _ = weighed(texels, p + q, first + second)
+        s[QX + i] += r
+        s[QY + i] += g
+        s[QZ + i] += b
 
 
 @kernel(inline=True, counted=False)
-def filtered(texels, levels, roughness, across, down, factor):
-    """Times ``factor``, what the maps of mirrored light show at a place."""
-    level = min(max(roughness, ZERO), ONE) * f4(levels.shape[0] - 1)
-    k = min(np.int64(level), np.int64(levels.shape[0] - 2))
-    share = (level - f4(k)) * factor
-    rest = factor - share
-    p, w = map_corners(levels[k, 0], levels[k, 1], across, down)
-    q, t = map_corners(levels[k + 1, 0], levels[k + 1, 1], across, down)
-    r, g, b, _ = weighed(texels, p, (w[0] * rest, w[1] * rest, w[2] * rest, w[3] * rest))
-    x, y, z, _ = weighed(texels, q, (t[0] * share, t[1] * share, t[2] * share, t[3] * share))
-    return r + x, g + y, b + z
+def lobe_place(s, i, normal, part):
+    """Place in maps of the direction that is a ``part`` of the way from the normal to the mirrored one."""
+    nx, ny, nz = normal[i], normal[SPAN + i], normal[2 * SPAN + i]
+    ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
+    d = ONE - part + part * TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
+    return octahedral(d * nx - part * ex, d * ny - part * ey, d * nz - part * ez)
 
 
 @kernel(counted=False)
@@ -111,24 +161,24 @@ def mirrored(s, n, sky, normal):
     :func:`lean`.
     """
     ambient, texels, levels = sky.ambient, sky.mirrored, sky.levels
-    if texels.shape[0] == 0:
+    for c in range(3):
+        t, even = s[c * SPAN :], ambient[c]
         for i in range(n):
-            s[LX + i], s[LY + i], s[LZ + i] = ambient[0], ambient[1], ambient[2]
-        return
-    for i in range(n):
-        nx, ny, nz = s[normal + i], s[normal + SPAN + i], s[normal + 2 * SPAN + i]
-        ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
-        doubled = TWO * min(max(nx * ex + ny * ey + nz * ez, f4(1e-4)), ONE)
-        part, second = s[TU + i], s[LB + i]
-        d = ONE - part + part * doubled
-        s[LX + i], s[LY + i] = octahedral(d * nx - part * ex, d * ny - part * ey, d * nz - part * ez)
-        d = ONE - second + second * doubled
-        s[LD + i], s[LE + i] = octahedral(d * nx - second * ex, d * ny - second * ey, d * nz - second * ez)
-    for i in range(n):
-        first = s[LA + i]
-        r, g, b = filtered(texels, levels, s[TV + i], s[LX + i], s[LY + i], first)
-        x, y, z = filtered(texels, levels, s[LC + i], s[LD + i], s[LE + i], ONE - first)
-        s[LX + i], s[LY + i], s[LZ + i] = ambient[0] + r + x, ambient[1] + g + y, ambient[2] + b + z
+            t[QX + i] = even
+    if texels.shape[0] > 0:
+        up = s[normal:]
+        for i in range(n):
+            s[LX + i], s[LY + i] = lobe_place(s, i, up, s[TU + i])
+            s[LZ + i] = s[LA + i]
+        add_filtered(s, n, texels, levels, TV)
+        for i in range(n):
+            s[LX + i], s[LY + i] = lobe_place(s, i, up, s[LB + i])
+            s[LZ + i] = ONE - s[LA + i]
+        add_filtered(s, n, texels, levels, LC)
+    for c in range(3):
+        t = s[c * SPAN :]
+        for i in range(n):
+            t[LX + i] = t[QX + i]
 
 
 @kernel(counted=False)
@@ -145,16 +195,21 @@ def background(s, e, empty, view, sky, out):
         dx, dy, dz = (ONE - flat) * dx + flat * fx, (ONE - flat) * dy + flat * fy, (ONE - flat) * dz + flat * fz
         azimuth = angle(abs(dx), -dz)
         azimuth = (-azimuth if dx < ZERO else azimuth) + turn
-        s[SR + i] = (azimuth * f4(0.5 / math.pi) + HALF) * f4(width) - HALF
-        s[SG + i] = angle(math.sqrt(dx * dx + dz * dz), dy) * INV_PI * f4(height) - HALF
+        around = azimuth * f4(0.5 / math.pi) + HALF
+        x = (around - np.floor(around)) * f4(width) - HALF
+        y = angle(math.sqrt(dx * dx + dz * dz), dy) * INV_PI * f4(height) - HALF
+        left, top = np.floor(x), np.floor(y)
+        s[SR + i], s[SG + i] = x - left, y - top
+        i0, i1 = (left + f4(width) if left < ZERO else left), left + ONE
+        i1 = ZERO if i1 >= f4(width) else i1
+        s[LX + i], s[LY + i] = float_of(np.int32(i0)), float_of(np.int32(i1))
+        j0, j1 = min(max(top, ZERO), f4(height - 1)), min(max(top + ONE, ZERO), f4(height - 1))
+        s[LZ + i], s[SB + i] = float_of(np.int32(j0)), float_of(np.int32(j1))
     for i in range(e):
-        left, top = np.floor(s[SR + i]), np.floor(s[SG + i])
-        a, b = s[SR + i] - left, s[SG + i] - top
-        i0, j0 = np.int64(left) % width, np.int64(top)
-        i1 = i0 + 1 if i0 + 1 < width else 0
-        j1 = min(max(j0 + 1, np.int64(0)), height - 1)
-        j0 = min(max(j0, np.int64(0)), height - 1)
+        a, b, p = s[SR + i], s[SG + i], empty[i]
+        i0, i1 = np.uintp(bits_of(s[LX + i])), np.uintp(bits_of(s[LY + i]))
+        j0, j1 = np.uintp(bits_of(s[LZ + i])), np.uintp(bits_of(s[SB + i]))
         for c in range(3):
             up = radiance[j0, i0, c] + a * (radiance[j0, i1, c] - radiance[j0, i0, c])
             low = radiance[j1, i0, c] + a * (radiance[j1, i1, c] - radiance[j1, i0, c])
-            out[empty[i], c] = (up + b * (low - up)) * strength
+            out[p, c] = (up + b * (low - up)) * strength

@@ -11,7 +11,7 @@ from numba import prange
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading.records import IRRADIANCE_SIDE
 from torchrender.kernels.shading.simd import ONE, ZERO, f4
-from torchrender.kernels.shading.sky import map_corners, octahedral
+from torchrender.kernels.shading.sky import map_corners, map_place, map_weights, octahedral
 
 _LEAST = f4(1e-6)
 _ROW = 1024
@@ -38,9 +38,10 @@ class Known(NamedTuple):
 def _arriving(texels, x, y, z):
     """Irradiance over pi, three colours, about a unit direction."""
     across, down = octahedral(x, y, z)
-    places, weights = map_corners(np.int64(0), np.int64(IRRADIANCE_SIDE), across, down)
+    texel, u, v = map_place(f4(IRRADIANCE_SIDE), across, down)
+    places = map_corners(np.int64(0), IRRADIANCE_SIDE, texel)
     a, b, c, d = places[0] // 3, places[1] // 3, places[2] // 3, places[3] // 3
-    p, q, r, s = weights
+    p, q, r, s = map_weights(u, v, ONE)
     red = p * texels[a, 0] + q * texels[b, 0] + r * texels[c, 0] + s * texels[d, 0]
     green = p * texels[a, 1] + q * texels[b, 1] + r * texels[c, 1] + s * texels[d, 1]
     blue = p * texels[a, 2] + q * texels[b, 2] + r * texels[c, 2] + s * texels[d, 2]
