@@ -22,7 +22,7 @@ from torchrender.planning.question import Combination, Question
 HEADROOM = 0.85
 """Share of a budget that predictions may fill before a sequence tells: pictures vary, and so does the machine."""
 
-HEADROOMS = (0.75, 1.0)
+HEADROOMS = (0.75, 0.98)
 """Least and most of it."""
 
 LOYALTY = 1.04

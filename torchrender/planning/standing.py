@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from torchrender.passes.contract import Buffers
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, Search
+from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, TOLERANCE, Search
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.foresight import Expected
 from torchrender.planning.plan import Plan, PlanRow
@@ -36,7 +36,7 @@ LEAST_MS = 8.0
 SHARE = 0.05
 """Of a budget that searches may take, over the pictures that stand by them."""
 
-FULL = 1.05
+FULL = 1.04
 """Times what a search may fill of a budget that a standing choice may: what a picture takes goes up and down."""
 
 FILLED = 0.9
@@ -101,7 +101,11 @@ def stands(
         return None
     if wishes[0] is not None and wishes[1] is None:
         patient = before is None and _is_patient(knowledge, last, wishes[0])
-        holds = _fits(knowledge, last, wishes[0], needed_ms) and (patient or not _moved(cost, last.cost))
+        fits = _fits(knowledge, last, wishes[0], needed_ms)
+        if before is not None and last.possible:
+            # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance.
+            fits = spent_ms + cost[0] / headroom(knowledge.pace) <= TOLERANCE * wishes[0]
+        holds = fits and (patient or not _moved(cost, last.cost))
     else:
         holds = not _moved(cost, last.cost) and last.possible == _kept(knowledge, wishes, cost, spent_ms)
     if not holds:
