@@ -24,7 +24,7 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import BESIDE, FIRST_SEARCHING, SEARCHING, Search, missed
+from torchrender.pipeline.pace import BESIDE, FIRST_SEARCHING, SEARCHING, Pace, Search
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
@@ -237,20 +237,25 @@ class Run:
         """All that was chosen is what an earlier picture chose."""
         return bool(self.searches) and all(search.pictures for search in self.searches)
 
-    def _missed(self) -> dict[str, float]:
-        """How far the time was missed that a picture after the first was chosen for."""
-        past = self.knowledge.outlook.history
-        if not past.pictures or past.pace is None or not self._stands:
-            return {}
-        return missed(past.pace.known, self.clock.elapsed_ms.get("total", 0.0), self.foreseen_ms)
+    def _missed(self, pace: Pace) -> Pace:
+        """With how far the time was missed that a picture after the first was chosen for."""
+        past, took = self.knowledge.outlook.history, self.clock.elapsed_ms.get("total", 0.0)
+        if not past.pictures or past.pace is None:
+            return pace
+        pace = pace.warned(took, self.limits[0])
+        return pace.missed(took, self.foreseen_ms) if self._stands else pace
 
     def _search(self, plan: Plan) -> Search | None:
-        """That of the plan, for the next picture: a new one with what all of the picture was expected to be."""
+        """That of the plan, for the next picture: a new one with what all of the picture was expected to be.
+
+        A picture that stood by a choice hands that one on, also where it ran late and chose anew for what was left of
+        its time: the next one has all of its own.
+        """
+        if self.searches and self.searches[0].pictures:
+            return self.searches[0]
         found = plan.search
         if found is None or found.later is not None:
             return None if found is None else found.later
-        if found.pictures:
-            return self.searches[0]
         expected = expected_of(self.knowledge, plan.rows, plan.options)
         return replace(found, cost=cost_of_rows(plan.rows, expected, frozenset()))
 
@@ -259,15 +264,16 @@ class Run:
         known = self.knowledge
         settings = {step.name: step.settings.current(plan.options) for step in known.passes}
         pace = known.pace.aged({(row.name, row.setting) for row in plan.running})
-        took, told = 0.0, 0.0
+        times: dict[tuple[str, str], tuple[float, float]] = {}
         for row in plan.running:
             if row.amounts is not None and row.measured_ms is not None and row.name not in self.untypical:
                 raw = known.curves.time_ms(row.name, row.setting, row.amounts, known.name) or 0.0
-                pace = pace.learned(row.name, row.setting, row.measured_ms, raw)
-                took, told = took + (row.measured_ms if raw > 0.0 else 0.0), told + raw
-        own = {**pace.hurried(took, told), **self._beside(), **self._missed()}
+                times[row.name, row.setting] = row.measured_ms, raw
+        pace = pace.learned_all(times)
+        took, told = sum(ms for ms, raw in times.values() if raw > 0.0), sum(raw for _, raw in times.values())
+        own = {**pace.hurried(took, told), **self._beside()}
         learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
-        pace = replace(pace, choice=settings, known=learned, search=self._search(plan))
+        pace = replace(self._missed(pace), choice=settings, known=learned, search=self._search(plan))
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
         return replace(past, pace=pace)
 

@@ -40,8 +40,17 @@ def test_scaled_up_light_is_never_negative_and_keeps_its_place(mode: str) -> Non
 def test_fewer_pixels_are_means() -> None:
     fine = torch.rand(1, 12, 12, 3, generator=torch.Generator().manual_seed(1))
     torch.testing.assert_close(resampled(fine, (4, 6), "bilinear")[0, 0, 0], fine[0, :3, :2].mean(dim=(0, 1)))
-    odd = resampled(fine, (5, 5), "bilinear")
-    torch.testing.assert_close(odd.mean(), fine.mean(), atol=0.05, rtol=0.0)
+
+
+@pytest.mark.parametrize("rows, size", [(12, 8), (12, 5), (7, 6), (9, 4), (6, 6)])
+def test_samples_on_a_border_of_pixels_count_for_both_by_their_share(rows: int, size: int) -> None:
+    """As of every sample repeated so often that pixels hold whole numbers of them."""
+    fine = torch.rand(1, rows, rows + 1, 3, generator=torch.Generator().manual_seed(rows), dtype=torch.float64)
+    often = fine.repeat_interleave(size, dim=1).repeat_interleave(size, dim=2)
+    wanted = often.reshape(1, size, rows, size, rows + 1, 3).mean(dim=(2, 4))
+    made = resampled(fine.requires_grad_(), (size, size), "bilinear")
+    torch.testing.assert_close(made.detach(), wanted)
+    assert made.dtype == torch.float64 and made.requires_grad
 
 
 def room() -> Scene:

@@ -129,8 +129,8 @@ def test_passes_that_no_picture_ran_are_as_slow_as_the_others() -> None:
         faded = faded.aged(set())
     assert faded.ratio("gbuffer", "1") == pytest.approx(3.0, rel=0.05), "what is not seen again goes back to that"
     assert slow.hurried(0.0, 10.0) == slow.hurried(5.0, 0.0) == {}
-    halfway = slow.hurried(10.0, 10.0)[SPEED]
-    assert math.exp(halfway) == pytest.approx(math.sqrt(3.0))
+    halfway = slow.hurried(25.0, 10.0)[SPEED]
+    assert math.exp(halfway) == pytest.approx(math.sqrt(3.0 * 2.5))
 
 
 def test_a_picture_tells_how_fast_the_machine_is() -> None:

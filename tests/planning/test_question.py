@@ -16,7 +16,7 @@ from torchrender.passes.table import PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import LATE, Pace
+from torchrender.pipeline.pace import Pace
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.curves import load_curves
 from torchrender.planning.question import Question
@@ -93,7 +93,7 @@ def test_sensing_looks_around_only_where_a_budget_affords_it(washroom: Scene) ->
     known = Knowledge.of(washroom, camera, RenderOptions(), None, load_curves())
 
     def spare(budget: float | None, foreseen: float, late: float | None = None) -> float:
-        pace = Pace() if late is None else Pace(known={LATE: late})
+        pace = Pace() if late is None else Pace(misses=(late, late))
         past = replace(known.outlook.history, pace=pace)
         run = Run(replace(known, outlook=replace(known.outlook, history=past)), (budget, None), StepClock())
         run.foreseen_ms = foreseen
@@ -102,8 +102,8 @@ def test_sensing_looks_around_only_where_a_budget_affords_it(washroom: Scene) ->
     assert spare(None, 50.0) == math.inf
     assert spare(200.0, 50.0) == pytest.approx(HEADROOM * 200.0 - 50.0)
     assert spare(200.0, 169.0) == spare(200.0, 1e6) == pytest.approx(SHARE * 200.0), "a small share in any case"
-    late = headroom(Pace(known={LATE: 0.2}))
-    assert spare(200.0, 50.0, late=0.2) == pytest.approx(late * 200.0 - 50.0) and late < HEADROOM
+    late = headroom(Pace(misses=(0.3, 0.3)))
+    assert spare(200.0, 50.0, late=0.3) == pytest.approx(late * 200.0 - 50.0) and late < HEADROOM
 
     seen = {}
     for budget in (0.5 * LOOK_MS, 1e7):

@@ -10,11 +10,11 @@ import pytest
 
 import torchrender as tr
 from torchrender.pipeline.history import RenderHistory
-from torchrender.pipeline.pace import LATE, SEARCHING, Pace, Search, missed
+from torchrender.pipeline.pace import MISSES, SEARCHING, TOLERANCE, Pace, Search
 from torchrender.planning import choices, planner
 from torchrender.planning.plan import Plan
 from torchrender.planning.search import HEADROOM, HEADROOMS, choose, headroom
-from torchrender.planning.standing import FULL, LEAST_MS, PICTURES, SHARE, SLOWER
+from torchrender.planning.standing import FULL, LEAST_MS, LONGEST, PICTURES, SHARE, SLOWER
 
 SCENE = tr.load("grass", size=3000)
 CAMERA = SCENE.camera(width=64, height=48)
@@ -87,8 +87,29 @@ def test_costs_that_moved_are_searched_for(
 
 
 def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
-    assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES - 1)))[1] == 0
-    assert planned(monkeypatch, with_search(past, replace(last(past), pictures=PICTURES)))[1] > 0
+    """As long as its search was dear, beside what pictures take, and never longer than that."""
+    for searching, stood in ((SHARE * last(past).cost[0], PICTURES), (1e9, LONGEST)):
+        assert past.pace is not None
+        known = replace(past, pace=replace(past.pace, known={**past.pace.known, SEARCHING: searching}))
+        assert planned(monkeypatch, with_search(known, replace(last(past), pictures=stood - 1)))[1] == 0
+        assert planned(monkeypatch, with_search(known, replace(last(past), pictures=stood)))[1] > 0
+
+
+@pytest.mark.parametrize("share, stood, searched", [
+    (0.95, PICTURES, False), (0.95, LONGEST, True), (0.8, PICTURES - 1, False), (0.8, PICTURES, True),
+])  # fmt: skip
+def test_a_choice_that_fills_its_budget_stands(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, stood: int, searched: bool
+) -> None:
+    """No picture is worse than those beside it to pay for a search that has little to find."""
+    rest = with_search(past, None)
+    plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
+    assert plan.search is not None and plan.possible and rest.pace is not None
+    costly = replace(rest.pace, known={**rest.pace.known, SEARCHING: 1e3})
+    budget = (plan.predicted_ms or 0.0) / (share * HEADROOM)
+    kept = replace(plan.search, wishes=(budget, None), pictures=stood)
+    past = replace(rest, pace=replace(costly, search=kept))
+    assert (planned(monkeypatch, past, max_error=None, budget_ms=budget)[1] > 0) == searched
 
 
 @pytest.mark.parametrize("searching", [10.0, 30.0, 1e3])
@@ -135,32 +156,37 @@ def test_a_budget_that_became_too_small_is_searched_for(monkeypatch: pytest.Monk
     rest = with_search(past, None)
     plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
     assert plan.search is not None and plan.possible
-    tight = 1.02 * (plan.predicted_ms or 0.0) / FULL
+    tight = 1.02 * (plan.predicted_ms or 0.0) / (FULL * HEADROOM)
     kept = with_search(past, replace(plan.search, wishes=(tight, None)))
     assert planned(monkeypatch, kept, max_error=None, budget_ms=tight)[1] == 0
     assert kept.pace is not None
-    late = replace(kept, pace=replace(kept.pace, known={**kept.pace.known, LATE: 0.25}))
+    late = replace(kept, pace=replace(kept.pace, misses=(0.35, 0.35)))
     assert planned(monkeypatch, late, max_error=None, budget_ms=tight)[1] > 0
 
 
 def test_headroom_follows_how_far_times_are_missed() -> None:
     assert headroom(Pace()) == HEADROOM
-    known: dict[str, float] = {}
-    for _ in range(20):
-        known = missed(known, 100.0, 100.0)
-    assert headroom(Pace(known=known)) == HEADROOMS[1], "as foreseen, picture after picture"
-    for _ in range(20):
-        known = missed(known, 110.0, 100.0)
-    assert headroom(Pace(known=known)) == pytest.approx(1 / 1.1, rel=0.02), "always a tenth later"
-    for number in range(20):
-        known = missed(known, 140.0 if number % 2 else 100.0, 100.0)
-    assert headroom(Pace(known=known)) == HEADROOMS[0], "nobody knows"
-    assert missed(known, 100.0, 0.0) == {} and missed(known, 0.0, 100.0) == {}
+    pace = Pace()
+    for _ in range(MISSES):
+        pace = pace.missed(100.0, 100.0)
+    assert headroom(pace) == HEADROOMS[1], "as foreseen, picture after picture"
+    for _ in range(MISSES):
+        pace = pace.missed(125.0, 100.0)
+    assert headroom(pace) == pytest.approx(TOLERANCE / 1.25), "always a quarter later"
+    for number in range(MISSES):
+        pace = pace.missed(145.0 if number % 2 else 100.0, 100.0)
+    assert headroom(pace) == pytest.approx(TOLERANCE / 1.45) and headroom(pace) > HEADROOMS[0]
+    assert pace.missed(100.0, 0.0) is pace.missed(0.0, 100.0) is pace
 
 
-def test_one_slow_picture_counts_within_limits() -> None:
-    assert missed({}, 1e9, 1.0) == missed({}, 2.0, 1.0)
-    assert math.exp(-missed({}, 1e9, 1.0)[LATE]) > 0.6
+def test_one_late_picture_of_twenty_takes_no_headroom() -> None:
+    steady = Pace()
+    for _ in range(MISSES):
+        steady = steady.missed(100.0, 100.0)
+    once = steady.missed(140.0, 100.0)
+    assert headroom(once) == headroom(steady)
+    assert headroom(once.missed(140.0, 100.0)) == pytest.approx(TOLERANCE / 1.4)
+    assert steady.missed(200.0, 100.0) is steady, "no headroom would have kept that"
 
 
 def test_a_search_is_paid_by_its_picture_alone(past: RenderHistory) -> None:

@@ -22,10 +22,6 @@ if TYPE_CHECKING:
 FindCamera = Callable[["Scene", Sequence[str], int, int], "Cameras"]
 
 
-LATE = 1.1
-"""Times its budget from which on a picture is told to have missed it."""
-
-
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """Budget and error bound of a picture."""
     parser.add_argument(
@@ -44,11 +40,13 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
 
 def say_missed(plan: Plan | None) -> None:
     """One line about a picture whose budget or error bound could not be kept, or whose budget was not."""
+    from torchrender.pipeline.pace import TOLERANCE
+
     if plan is None:
         return
     told = "" if plan.possible else plan.statement
     budget, taken = plan.budget_ms, plan.measured_ms
-    if not told and budget is not None and taken is not None and taken > LATE * budget:
+    if not told and budget is not None and taken is not None and taken > TOLERANCE * budget:
         told = f"the picture took {taken:.0f} ms, its budget was {budget:g} ms"
         told += f" ({plan.note})" if plan.note else ""
     if told:

@@ -5,19 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from statistics import NormalDist
 from typing import Any
 
 from torchrender.pipeline.options import RenderOptions
 
 LEARNING = 0.5
-"""Weight of the newest picture in a ratio."""
+"""Weight of the newest picture in what is known of the machine's speed."""
 
-SLOWLY = 0.25
-"""The same of a whole picture, in how far predictions are missed."""
+RECENT = 3
+"""Times of a setting that are kept. Their lower median is its ratio: one picture that something else held up moves it
+only where nothing else is known, and two in a row do."""
 
-FADING = 0.85
-"""Power that a ratio takes with every picture which does not use its setting: one slow picture, as where kernels are
-loaded for the first time, must not keep a setting out for good."""
+FADING, SURELY = 0.85, 0.98
+"""Powers that a ratio takes with every picture which does not use its setting, where one picture told it and where
+several did: one slow picture, as where kernels are loaded for the first time, must not keep a setting out for good."""
+
+UNTRIED = 1.15
+"""Times by which a setting that no picture of a sequence ran counts longer, it may be that far off: where the one late
+picture of ``MISSES`` has been."""
 
 LIMIT = 8.0
 """Largest correction of a prediction, up or down."""
@@ -25,9 +31,6 @@ LIMIT = 8.0
 LEAST_RAW_MS = 0.1
 """Shorter predictions teach nothing."""
 
-
-MISSED, UNSURE, LATE = (f"logarithm of times over what was foreseen: {name}" for name in ("mean", "spread", "most"))
-"""Quantities that a sequence learns about whole pictures."""
 
 SPEED = "logarithm of times over what curves say: all passes together"
 """Quantity that a sequence learns: how fast this machine is today."""
@@ -38,25 +41,23 @@ SEARCHING = "milliseconds of searching"
 FIRST_SEARCHING = 16.0
 """Before it is known."""
 
-FIRST_UNSURE = 0.06
-"""Before the first of them is known: times lie that far off, up or down."""
-
 BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 """Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
 MOST_MISSED = 0.4
-"""What one picture counts for."""
+"""Logarithm of a time over what was foreseen: pictures later than that are late at any headroom, and say nothing about
+how much of it the others need. It is also the most that one picture moves the speed by."""
 
+TOLERANCE = 1.1
+"""A budget counts as kept up to so many times its time."""
 
-def missed(known: Mapping[str, float], measured_ms: float, foreseen_ms: float) -> dict[str, float]:
-    """What a sequence knows of how pictures miss their times, after another one."""
-    if foreseen_ms <= 0.0 or measured_ms <= 0.0:
-        return {}
-    off = min(max(math.log(measured_ms / foreseen_ms), -MOST_MISSED), MOST_MISSED)
-    before = known.get(MISSED, 0.0)
-    mean = before + SLOWLY * (off - before)
-    spread = (1.0 - SLOWLY) * known.get(UNSURE, FIRST_UNSURE) + SLOWLY * abs(off - before)
-    return {MISSED: mean, UNSURE: spread, LATE: mean + 2.0 * spread}
+MISSES = 20
+"""Pictures of a sequence whose misses are kept: one of them may be late, and 19 are to be in time."""
+
+EXPECTED_MISSES = tuple(
+    sorted((NormalDist(0.0, 0.08).inv_cdf((k + 0.5) / MISSES) for k in range(MISSES)), key=lambda off: -abs(off))
+)
+"""Stand-ins for misses of pictures that are still to come: the first picture replaces the farthest."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,6 +89,9 @@ class Pace:
     """Ratios measured / predicted by pass and setting, and the settings that the last picture was made with."""
 
     ratios: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    recent: Mapping[tuple[str, str], tuple[float, ...]] = field(default_factory=dict)  # that ratios were made of
+    misses: tuple[float, ...] = ()  # logarithms of pictures' times over what was foreseen, the newest last
+    wary: int = 0  # pictures to come that try nothing which may make them late
     choice: Mapping[str, str] = field(default_factory=dict)  # setting by pass
     known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
     search: Search | None = field(default=None, compare=False)  # that the last picture was made by
@@ -103,6 +107,31 @@ class Pace:
         """Ratio of all passes together, of those that no picture ran as of the others."""
         return math.exp(self.known.get(SPEED, 0.0))
 
+    @property
+    def late(self) -> float | None:
+        """How far one of ``MISSES`` pictures misses its time, as a logarithm; None before any is known."""
+        if not self.misses:
+            return None
+        return sorted((*self.misses, *EXPECTED_MISSES[len(self.misses) :]))[-2]
+
+    def missed(self, measured_ms: float, foreseen_ms: float) -> Pace:
+        """After a picture that took so long, beside what its choice was made by."""
+        if foreseen_ms <= 0.0 or measured_ms <= 0.0:
+            return self
+        off = math.log(measured_ms / foreseen_ms)
+        if off > MOST_MISSED:
+            return self
+        return replace(self, misses=(*self.misses, off)[-MISSES:])
+
+    def warned(self, measured_ms: float, budget_ms: float | None) -> Pace:
+        """After a picture that took so long of a budget: one that was late is one of ``MISSES``."""
+        late = budget_ms is not None and measured_ms > TOLERANCE * budget_ms
+        return replace(self, wary=MISSES if late else max(self.wary - 1, 0))
+
+    def doubt(self, name: str, setting: str) -> float:
+        """Times by which a prediction is taken to be longer where a budget has to be kept."""
+        return UNTRIED if self.wary and (name, setting) not in self.ratios else 1.0
+
     def ratio(self, name: str, setting: str) -> float:
         """Correction of a prediction: of this setting, else the mean of the pass's others, else that of all passes."""
         own = self.ratios.get((name, setting))
@@ -113,8 +142,10 @@ class Pace:
 
     def aged(self, used: Collection[tuple[str, str]]) -> Pace:
         """After another picture: ratios of settings that it did not use fade towards that of all passes."""
-        speed = self.speed
-        kept = {k: ratio if k in used else speed * (ratio / speed) ** FADING for k, ratio in self.ratios.items()}
+        speed, kept = self.speed, dict(self.ratios)
+        for key, ratio in self.ratios.items():
+            if key not in used:
+                kept[key] = speed * (ratio / speed) ** (SURELY if len(self.recent.get(key, ())) > 1 else FADING)
         return replace(self, ratios=kept)
 
     def hurried(self, measured_ms: float, raw_ms: float) -> dict[str, float]:
@@ -123,13 +154,31 @@ class Pace:
             return {}
         seen = math.log(min(max(measured_ms / raw_ms, 1 / LIMIT), LIMIT))
         old = self.known.get(SPEED)
-        return {SPEED: seen if old is None else old + LEARNING * (seen - old)}
+        return {SPEED: seen if old is None else old + LEARNING * min(max(seen - old, -MOST_MISSED), MOST_MISSED)}
+
+    def learned_all(self, times: Mapping[tuple[str, str], tuple[float, float]]) -> Pace:
+        """With what the passes of a picture took, by pass and setting, each beside its uncorrected prediction.
+
+        Where those that ran before took longer than they did then, all together, something else held the picture up:
+        what ran for the first time counts as that much quicker, for nothing else is known of it.
+        """
+        before = [(ms, raw * self.ratios[key]) for key, (ms, raw) in times.items() if key in self.ratios]
+        took, told = sum(ms for ms, _ in before), sum(foreseen for _, foreseen in before)
+        held_up = max(took / told, 1.0) if told > LEAST_RAW_MS else 1.0
+        pace = self
+        for (name, setting), (ms, raw) in times.items():
+            pace = pace.learned(name, setting, ms if (name, setting) in self.ratios else ms / held_up, raw)
+        return pace
 
     def learned(self, name: str, setting: str, measured_ms: float, raw_ms: float) -> Pace:
         """With what a pass took where the uncorrected prediction was ``raw_ms``; too short ones teach nothing."""
         if raw_ms < LEAST_RAW_MS or measured_ms <= 0:
             return self
         seen = min(max(measured_ms / raw_ms, 1 / LIMIT), LIMIT)
-        old = self.ratios.get((name, setting))
-        ratio = seen if old is None else (1 - LEARNING) * old + LEARNING * seen
-        return replace(self, ratios={**self.ratios, (name, setting): ratio})
+        times = (*self.recent.get((name, setting), ()), seen)[-RECENT:]
+        ratio = sorted(times)[(len(times) - 1) // 2]
+        return replace(
+            self,
+            ratios={**self.ratios, (name, setting): ratio},
+            recent={**self.recent, (name, setting): times},
+        )

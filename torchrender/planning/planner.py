@@ -139,7 +139,7 @@ def _found(
         assert max_error is not None
         share = 1.0 / PICTURES if going_on else 1.0
         return surely(Question.about(knowledge, options, ran, wary=WARY, share=share), (None, max_error, spent_ms))
-    question = Question.about(knowledge, options, ran, near=True, wary=0.0 if max_error is None else WARY)
+    question = Question.about(knowledge, options, ran, near=True, wary=0.0 if max_error is None else WARY, careful=True)
     later = None if done or max_error is not None else choose(question, budget_ms, None, spent_ms)
     paid_ms = spent_ms if done else spent_ms + knowledge.pace.search_ms
     if max_error is not None:

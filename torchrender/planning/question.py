@@ -37,6 +37,7 @@ class Question:
     done: frozenset[str]  # passes that ran: their time is spent
     wary: float = 0.0  # standard deviations that errors count higher by
     share: float = 1.0  # of the time of what lasts: pictures that follow use it, too
+    careful: bool = False  # what no picture of the sequence ran counts longer
     _memo: dict[tuple[object, ...], object] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -49,6 +50,7 @@ class Question:
         near: bool = False,
         wary: float = 0.0,
         share: float = 1.0,
+        careful: bool = False,
     ) -> Question:
         """All settings are open but those of passes that ran, are held, are off, or stand where no setting is.
 
@@ -57,6 +59,7 @@ class Question:
                 a search longer, and the next search comes soon.
             wary: standard deviations that errors count higher by.
             share: of the time of what lasts that counts.
+            careful: what no picture of the sequence ran counts longer, for a budget has to be kept.
         """
         open_ = {}
         for step in knowledge.passes:
@@ -72,7 +75,7 @@ class Question:
         if near and knowledge.outlook.history.pictures > 1 and knowledge.pace.choice.get(first.name) in last:
             place = last.index(knowledge.pace.choice[first.name])
             open_[first.name] = open_[first.name][max(place - 1, 0) : place + 2]
-        return cls(knowledge=knowledge, options=options, open=open_, done=done, wary=wary, share=share)
+        return cls(knowledge=knowledge, options=options, open=open_, done=done, wary=wary, share=share, careful=careful)
 
     @property
     def first(self) -> Pass:
@@ -130,6 +133,8 @@ class Question:
             elif self.share < 1.0 and step.did_once(amounts):
                 each = self.knowledge.predicted_ms(step, setting.name, step.again(amounts)) or 0.0
                 found = each + self.share * (found - each)
+            if self.careful:
+                found *= self.knowledge.pace.doubt(step.name, setting.name)
             self._memo[key] = found
         assert isinstance(found, float)
         return found

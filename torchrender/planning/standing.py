@@ -2,9 +2,9 @@
 picture.
 
 What is expected of the choice is worked out anew for every picture, so that a choice which no longer keeps what was
-wished for, or has become quicker, slower or less exact than it was, makes way for a search. Under a budget that search
-has to be worth its time: while the choice fits, pictures stand by it until a search is a small share of what they took,
-or fits into what the choice leaves of the budget.
+wished for, or has become quicker, slower or less exact than it was, makes way for a search. That search has to be worth
+its time: it is a small share of what the pictures took that stood by the last one, and under a budget it fits into what
+the choice leaves, while there is a choice that fits.
 Within a picture, what its checkpoints found out counts in the same way.
 """
 
@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 from torchrender.passes.contract import Buffers
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, Search
+from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, TOLERANCE, Search
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.foresight import Expected
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.rows import expected_of, rows_of
-from torchrender.planning.search import HEADROOM, Choice, headroom
+from torchrender.planning.search import Choice, headroom
 
 PICTURES = 8
 """That stand by a search at most, and half as many as were made before it: what is known of other settings changes,
@@ -36,8 +36,17 @@ LEAST_MS = 8.0
 SHARE = 0.05
 """Of a budget that searches may take, over the pictures that stand by them."""
 
-FULL = 0.97
-"""Share of a budget that a standing choice may fill, where a search would take more time than it could save."""
+FULL = 1.04
+"""Times what a search may fill of a budget that a standing choice may: what a picture takes goes up and down."""
+
+FILLED = 0.9
+"""Share of what a search may fill: with a choice that takes as much there is little left to gain."""
+
+LONGEST = 8 * PICTURES
+"""Pictures that stand by any search at most."""
+
+EARLY = 3
+"""Pictures of a sequence after which another search is worth its time in any case: the first ones tell most."""
 
 Cost = tuple[float, float, float]
 
@@ -77,10 +86,6 @@ def stands(
     last = knowledge.pace.search if before is None else _left_of(knowledge, before, done)
     if last is None or not last.is_of(wishes, knowledge.outlook.options):
         return None
-    due = before is None and last.pictures >= min(PICTURES, knowledge.outlook.history.pictures // 2)
-    patient = before is None and _is_patient(knowledge, last, wishes)
-    if due and not patient:
-        return None
     for step in knowledge.passes:
         if step.name in last.settings:
             setting = step.settings.named(last.settings[step.name])
@@ -91,10 +96,16 @@ def stands(
     rows = rows_of(knowledge, options)
     expected = expected_of(knowledge, rows, options)
     cost = cost_of_rows(rows, expected, frozenset(done))
-    if patient and due and last.possible and _is_idle(knowledge, wishes[0] or 0.0, spent_ms + cost[0]):
+    needed_ms = spent_ms + cost[0]
+    if before is None and _is_due(knowledge, last, wishes, needed_ms):
         return None
-    if patient:
-        holds = _fits(knowledge, last, wishes[0] or 0.0, spent_ms + cost[0])
+    if wishes[0] is not None and wishes[1] is None:
+        patient = before is None and _is_patient(knowledge, last, wishes[0])
+        fits = _fits(knowledge, last, wishes[0], needed_ms)
+        if before is not None and last.possible:
+            # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance.
+            fits = spent_ms + cost[0] / headroom(knowledge.pace) <= TOLERANCE * wishes[0]
+        holds = fits and (patient or not _moved(cost, last.cost))
     else:
         holds = not _moved(cost, last.cost) and last.possible == _kept(knowledge, wishes, cost, spent_ms)
     if not holds:
@@ -116,25 +127,46 @@ def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Searc
     return replace(before.search, cost=cost_of_rows(before.rows, expected, frozenset(done)))
 
 
-def _is_patient(knowledge: Knowledge, last: Search, wishes: tuple[float | None, float | None]) -> bool:
-    """Too few pictures stood by a search under a budget for another one; the first picture's are of no use later."""
-    budget, bound = wishes
-    if budget is None or bound is not None or knowledge.outlook.history.pictures < 2:
+def _is_due(knowledge: Knowledge, last: Search, wishes: tuple[float | None, float | None], needed_ms: float) -> bool:
+    """Enough pictures stood by a choice for another search to be worth its time.
+
+    Under a budget that is where the choice leaves enough of it for the search, or more than little after the first
+    pictures, and later after ``PICTURES``: one that pays for a search by its own settings is worse than its neighbours.
+    """
+    pictures = knowledge.outlook.history.pictures
+    if last.pictures < min(PICTURES, pictures // 2):
         return False
-    searching = knowledge.pace.known.get(SEARCHING, FIRST_SEARCHING)
-    return last.pictures < min(PICTURES, searching / (SHARE * budget))
+    budget, bound = wishes
+    if pictures < 2 or last.pictures >= LONGEST:
+        return True
+    early = pictures <= EARLY
+    if budget is None:
+        return early or last.pictures >= _searching(knowledge) / (SHARE * max(needed_ms, LEAST_MS))
+    if bound is not None:
+        return True
+    if last.possible and needed_ms + knowledge.pace.search_ms <= headroom(knowledge.pace) * budget:
+        return True
+    filled = last.possible and needed_ms >= FILLED * headroom(knowledge.pace) * budget
+    return (early or last.pictures >= PICTURES) and not filled
+
+
+def _is_patient(knowledge: Knowledge, last: Search, budget: float) -> bool:
+    """Too few pictures stood by a search under a budget for another one; the first picture's are of no use later."""
+    if knowledge.outlook.history.pictures < 2:
+        return False
+    return last.pictures < min(PICTURES, _searching(knowledge) / (SHARE * budget))
+
+
+def _searching(knowledge: Knowledge) -> float:
+    """Milliseconds of a search."""
+    return knowledge.pace.known.get(SEARCHING, FIRST_SEARCHING)
 
 
 def _fits(knowledge: Knowledge, last: Search, budget: float, needed_ms: float) -> bool:
     """The choice still fits a budget; one that did not fit does not fit better with the time of another search."""
     if last.possible:
-        return needed_ms <= min(FULL, FULL / HEADROOM * headroom(knowledge.pace)) * budget
+        return needed_ms <= FULL * headroom(knowledge.pace) * budget
     return needed_ms + knowledge.pace.search_ms > headroom(knowledge.pace) * budget
-
-
-def _is_idle(knowledge: Knowledge, budget: float, needed_ms: float) -> bool:
-    """The choice leaves enough of a budget for another search beside it."""
-    return needed_ms + knowledge.pace.search_ms <= headroom(knowledge.pace) * budget
 
 
 def _moved(cost: Cost, before: Cost) -> bool:

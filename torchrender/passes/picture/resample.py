@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import torch
@@ -27,6 +28,9 @@ from torchrender.shade import shade
 
 PICTURE = Buffer("picture", Tensor)
 """Radiance (B,H,W,3) at the picture's size."""
+
+ROUNDING = 1e-6
+"""Shares of a sample below this are rounding."""
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -67,14 +71,33 @@ def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor
     count, rows, columns, _ = radiance.shape
     if rows % height == 0 and columns % width == 0:
         return radiance.reshape(count, height, rows // height, width, columns // width, 3).mean(dim=(2, 4))
-    planes = radiance.permute(0, 3, 1, 2)
     if rows >= height and columns >= width:
-        planes = torch.nn.functional.interpolate(planes, size=size, mode="area")
-    elif upscaling == "nearest":
+        return _means(_means(radiance, 1, height), 2, width)
+    planes = radiance.permute(0, 3, 1, 2)
+    if upscaling == "nearest":
         planes = torch.nn.functional.interpolate(planes, size=size, mode="nearest-exact")
     else:
         planes = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)
     return planes.permute(0, 2, 3, 1).contiguous()
+
+
+def _means(values: Tensor, axis: int, size: int) -> Tensor:
+    """Means over as many equal parts of an axis: samples that lie in two of them count for each by their share.
+
+    Whole windows instead, as of ``interpolate(mode="area")``, would give such a sample to both and blur.
+    """
+    count = values.shape[axis]
+    step = count / size
+    begin = torch.arange(size, dtype=torch.float64, device=values.device) * step
+    shape = [-1 if dimension == axis else 1 for dimension in range(values.dim())]
+    total = torch.zeros(())
+    for number in range(math.ceil(step) + 1):
+        place = begin.floor() + number
+        share = (torch.minimum(begin + step, place + 1.0) - torch.maximum(begin, place)).clamp(min=0.0) / step
+        if float(share.max()) > ROUNDING:
+            part = values.index_select(axis, place.long().clamp(max=count - 1))
+            total = total + part * share.to(values.dtype).reshape(shape)
+    return total
 
 
 def senses(frame: Frame) -> dict[str, float]:

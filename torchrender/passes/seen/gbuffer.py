@@ -99,7 +99,7 @@ PASS = Pass(
     run=run,
     settings=settings(
         "samples per pixel and side",
-        {f"{factor:g}": {"supersample": factor} for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 2.0)},
+        {f"{factor:g}": {"supersample": factor} for factor in (0.25, 0.35, 0.5, 0.7, 1.0, 1.5, 2.0)},
     ),
     amounts=amounts,
     one_cost=True,

@@ -22,6 +22,7 @@ from torchrender.images.files import write_atomically
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import TOLERANCE
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import coverage
 from torchrender.quality.pages import write_record, write_text
@@ -36,9 +37,6 @@ from torchrender.scene.model import Scene
 from torchrender.tuning.windows import Windows
 
 BUDGETS_MS = (50, 100, 200, 500)
-TOLERANCE = 1.1
-"""A budget counts as kept up to this factor."""
-
 PRESETS = {"draft": 0, "low": 1, "medium": 2, "high": 3}
 """Fixed settings to compare with: all knobs of a usual picture at their step of that number, those that can be off
 included, at full resolution from "medium" on."""

@@ -23,11 +23,11 @@ from torchrender.checks import checked_fields
 from torchrender.image import Image
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.pipeline.pace import TOLERANCE
 from torchrender.quality.machine import machine_record
 from torchrender.quality.metrics import flip
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
-from torchrender.report.budget.study import TOLERANCE
 from torchrender.report.common.command import run_in_parts
 from torchrender.report.common.parts import Parts
 from torchrender.report.unseen.page import page
