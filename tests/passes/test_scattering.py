@@ -137,6 +137,17 @@ def test_surfaces_are_lit_and_seen_through_the_medium() -> None:
     torch.testing.assert_close(image.radiance[inside], wanted[inside].float(), rtol=2e-3, atol=1e-5)
 
 
+def test_without_the_air_before_the_eye_only_other_ways_dim_the_light() -> None:
+    scene = mirror_scene(fog(scattering=torch.full((3,), 0.1), absorption=torch.full((3,), 0.1)))
+    seen = tr.render(scene, SMALL, options=RenderOptions(scattering=ALL, buffers=("scattering",)))
+    clear = tr.render(replace(scene, media=()), SMALL).radiance
+    near = tr.render(scene, SMALL, options=RenderOptions(scattering=replace(ALL, air=False))).radiance
+    layer = seen.buffers["scattering"].layer
+    assert layer is not None
+    torch.testing.assert_close(layer.scattered + layer.transmittance * near, seen.radiance, rtol=1e-5, atol=1e-6)
+    assert float((clear - near).mean()) > 0.05 * float(clear.mean()), "lamps and mirrors are seen through it"
+
+
 def mirror_scene(medium) -> Scene:
     """A mirror on the left shows the wall behind the eye."""
     scene = t1(LAMP, medium=medium)

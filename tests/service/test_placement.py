@@ -207,6 +207,22 @@ def test_a_view_that_moves_gets_keyframes_that_it_could_do_without_where_there_i
     assert place.due(0.41) is None, "what does not move on needs none"
 
 
+@pytest.mark.parametrize(("answer", "kind"), [(0.05, "spare"), (0.3, None)])
+def test_the_next_keyframe_is_begun_while_a_client_takes_one_that_takes_it_sooner_than_it_is_made(answer, kind) -> None:
+    place, now = started(), 1.0
+    for number in range(1, 4):
+        place.begin(number, now, timed=True).sent = now + 0.1
+        place.take_ack(Ack(id=number), now + 0.1 + answer)
+        now += 1.0
+    right = {"velocity": (0.001, 0.0, 0.0), "moving": True}
+    place.take_pose(pose(2, moved(x=0.01), **right), now)
+    assert place.due(now) == "spare"
+    place.begin(9, now, timed=True).sent = now + 0.1
+    place.done(9, shown(moved(x=0.01)))
+    place.take_pose(pose(3, moved(x=0.02), **right), now + 0.11)
+    assert place.due(now + 0.11) == kind
+
+
 def test_a_silent_client_does_not_cause_keyframes_for_ever():
     place = started()
     going = pose(2, velocity=(5.0, 0.0, 0.0))

@@ -55,6 +55,8 @@ class Placement:
     def __init__(self, still_s: float, latency_s: float) -> None:
         self._still_s = still_s
         self._trips = deque([latency_s] if latency_s else [], maxlen=TRIPS)
+        self._making: deque[float] = deque(maxlen=TRIPS)  # seconds to the first message, of the same keyframes
+        self._answers: deque[float] = deque(maxlen=TRIPS)  # and from there
         self.pose: Pose | None = None
         self.playing = False  # the scene moves: every keyframe is old as soon as it is made
         self._pose_at = 0.0
@@ -96,6 +98,9 @@ class Placement:
         trip = now - flight.begun
         if flight.timed:
             self._trips.append(trip)
+            if flight.sent is not None:
+                self._making.append(flight.sent - flight.begun)
+                self._answers.append(now - flight.sent)
         return trip
 
     def resync(self) -> None:
@@ -176,12 +181,17 @@ class Placement:
         )
 
     def _spare(self, pose: Pose, now: float) -> bool:
-        if self._flights or now - self._begun_at < SPARE_S:
+        if now - self._begun_at < SPARE_S or (self._flights and not self._keeps_up):
             return False
         shown = self._shown
         assert shown is not None
         view = self.view(pose, now)
         return needs_keyframe(shown.view, view, shown.typical_depth, shown.overscan, share=SPARE_SHARE)
+
+    @property
+    def _keeps_up(self) -> bool:
+        """The client takes keyframes sooner than they are made: the next one may be begun while it has one to take."""
+        return bool(self._answers) and median_low(self._answers) < median_low(self._making)
 
     def begin(self, number: int, now: float, *, timed: bool) -> Flight:
         """A keyframe is begun: it takes a credit."""

@@ -10,8 +10,8 @@ import pytest
 from torchrender.kernels.warp.joint_upsampling import spread_colors
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_against_a_loop(seed: int) -> None:
+@pytest.mark.parametrize(("seed", "channels"), [(0, 3), (1, 6), (2, 1)])
+def test_against_a_loop(seed: int, channels: int) -> None:
     rng = np.random.default_rng(seed)
     (h, w), (rows, columns), limits = (7, 9), (4, 5), (0.05, 1e-3, 1e-6)
 
@@ -22,8 +22,8 @@ def test_against_a_loop(seed: int) -> None:
         return depth, triangle, owner  # one object by several names: other things lie before it
 
     few, many = pixels(rows, columns), pixels(h, w)
-    colors, materials = rng.random((rows, columns, 3)).astype(np.float32), np.array([0, 1, 1])
-    out = np.zeros((h, w, 3), np.float32)
+    colors, materials = rng.random((rows, columns, channels)).astype(np.float32), np.array([0, 1, 1])
+    out = np.zeros((h, w, channels), np.float32)
     wanted = rng.random((h, w)) < 0.8
     spread_colors(colors, few, many, materials, limits, wanted, out)
     widened = 0
@@ -34,7 +34,7 @@ def test_against_a_loop(seed: int) -> None:
         y, x = (j + 0.5) * rows / h - 0.5, (i + 0.5) * columns / w - 0.5
         near, face = 1.0 / float(many[0][j, i]), many[1][j, i]
         for reach in (1, 2):
-            total, weights, likeness = np.zeros(3), 0.0, 0.0
+            total, weights, likeness = np.zeros(channels), 0.0, 0.0
             for row in range(math.floor(y) + 1 - reach, math.floor(y) + 1 + reach):
                 for column in range(math.floor(x) + 1 - reach, math.floor(x) + 1 + reach):
                     at = min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)

@@ -44,6 +44,7 @@ class ScatterOptions:
     light_steps: int = 16  # through grids, towards a light
     light_cells: int = 32  # of a grid's side, from which the way to a light is known
     environment: bool = True  # ambient light and environment are scattered, too; nothing shadows them in the air
+    air: bool = True  # media are seen before what the eye sees; False: they only dim light on other ways
     surfaces: bool = True  # media dim the light of lamps and from everywhere on its way to surfaces
     steps: int = 64  # of way="march"
     scheme: str = "exact_segment"  # of way="march": or "source", which is too bright by what steps scatter away

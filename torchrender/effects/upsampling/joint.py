@@ -31,10 +31,10 @@ def joint_upsampled(
     materials: Tensor,
     wanted: Tensor | None = None,
 ) -> Tensor:
-    """Radiance (B,H,W,3) of all pixels: means of the rendered ones around, of the same surface where there are any.
+    """Radiance (B,H,W,C) of all pixels: means of the rendered ones around, of the same surface where there are any.
 
     Args:
-        radiance: (B,h,w,3) of the rendered pixels.
+        radiance: (B,h,w,C) of the rendered pixels, in any number of channels.
         few: what they see. many: what all pixels see, by the same cameras (B,H,W).
         materials: (F,) int64 by triangle, :attr:`Geometry.material`.
         wanted: (B,H,W) bool, pixels that are asked for; the others become zero. None: all.
@@ -45,13 +45,13 @@ def joint_upsampled(
     if wanted is not None:
         check_tensor("wanted", wanted, tuple(many.triangle.shape))
     asked = np.ones(many.triangle.shape, np.bool_) if wanted is None else view(wanted, np.bool_)
-    check_tensor("radiance", radiance, (*few.triangle.shape, 3))
+    check_tensor("radiance", radiance, (*few.triangle.shape, "C"))
     if len(few.triangle) != len(many.triangle):
         raise InputError(f"few and many must be of as many cameras, got {len(few.triangle)} and {len(many.triangle)}")
     colors = view(radiance, np.float32)
     rough, fine = _arrays(few), _arrays(many)
     limits = (SAME_SURFACE, OTHER_SURFACE, LEFT_OVER)
-    out = np.zeros((*many.triangle.shape, 3), np.float32)
+    out = np.zeros((*many.triangle.shape, colors.shape[-1]), np.float32)
     for k in range(len(out)):
         views = tuple(a[k] for a in rough), tuple(a[k] for a in fine)
         spread_colors(colors[k], *views, view(materials, np.int64), limits, asked[k], out[k])

@@ -12,10 +12,10 @@ from torchrender.kernels.compile import kernel
 
 @kernel(parallel=True)
 def spread_colors(colors, few, many, materials, limits, wanted, out):
-    """``out`` (H,W,3): means of the rendered pixels around each pixel, weighted by nearness and by likeness.
+    """``out`` (H,W,C): means of the rendered pixels around each pixel, weighted by nearness and by likeness.
 
     Args:
-        colors: (h,w,3) of the rendered pixels.
+        colors: (h,w,C) of the rendered pixels.
         few, many: (depth, triangle, owner) of the rendered pixels (h,w) and of all pixels (H,W); triangle -1: nothing.
         materials: (F,) by triangle. Pixels of one owner and material are of one surface.
         limits: same, other_surface, left_over. A difference d of inverse depth, as a share of the larger one, weighs
@@ -40,7 +40,8 @@ def spread_colors(colors, few, many, materials, limits, wanted, out):
             own, face = 1.0 / depth[j, i], triangle[j, i]
             material = materials[face] if face >= 0 else -1
             for reach in (1, 2):
-                red, green, blue, weights, likeness = 0.0, 0.0, 0.0, 0.0, 0.0
+                weights, likeness = 0.0, 0.0
+                out[j, i] = 0.0
                 top, left = math.floor(y) + 1 - reach, math.floor(x) + 1 - reach
                 for row in range(top, top + 2 * reach):
                     for column in range(left, left + 2 * reach):
@@ -55,12 +56,10 @@ def spread_colors(colors, few, many, materials, limits, wanted, out):
                         weight = (reach - abs(y - row)) * (reach - abs(x - column))
                         likeness += weight * like
                         weight *= like + left_over
-                        red += weight * colors[r, c, 0]
-                        green += weight * colors[r, c, 1]
-                        blue += weight * colors[r, c, 2]
+                        for k in range(colors.shape[2]):
+                            out[j, i, k] += np.float32(weight * colors[r, c, k])
                         weights += weight
                 if likeness > other_surface * reach**4:
                     break
-            out[j, i, 0] = np.float32(red / weights)
-            out[j, i, 1] = np.float32(green / weights)
-            out[j, i, 2] = np.float32(blue / weights)
+            for k in range(colors.shape[2]):
+                out[j, i, k] = np.float32(out[j, i, k] / weights)

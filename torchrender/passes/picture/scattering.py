@@ -47,7 +47,7 @@ from torchrender.scene.model import Scene
 class Hazed:
     """What media do to pictures: ``transmittance (radiance + change) + scattered``."""
 
-    layer: ScatteringLayer | None  # on the way to the eye; None: samples do not know where they are seen from
+    layer: ScatteringLayer | None  # on the way to the eye; None: nobody asks, or samples do not know where that is
     change: Tensor | None  # (B,H,W,3) of what surfaces send, for light and mirrors lose some on their ways
     illumination: Illumination | None = None  # of the media, for other ways to the eye
 
@@ -116,7 +116,8 @@ def run(frame: Frame) -> Hazed:
     if isinstance(samples, RaySurface):
         return Hazed(None, _change(frame, samples, None))
     illumination = _illumination(frame)
-    layer = scatter(frame.scene.media, samples.cameras, samples.depth, illumination, options, position=samples.position)
+    seen = (samples.cameras, samples.depth, illumination, options)
+    layer = scatter(frame.scene.media, *seen, position=samples.position) if options.air else None
     return Hazed(layer, _change(frame, samples, illumination), illumination)
 
 
