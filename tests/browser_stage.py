@@ -32,9 +32,9 @@ from torchrender.wire.containers import KeyframeImage, decode_keyframe
 from torchrender.wire.messages import CameraHeader, Keyframe, Message, Type, decode, split_blobs
 
 FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-START_S = 60.0
-FRAME_MS = 90_000
-"""The first picture in a new environment compiles kernels."""
+START_S = 120.0
+FRAME_MS = 180_000
+"""The first picture in a new environment compiles kernels, beside other tests that do."""
 JPEG_READY = "() => window.torchrender?.keyframes.length > 0"
 COMPLETE = "() => { const k = window.torchrender?.keyframes[0]; return k && k.received === k.layers; }"
 ARRIVED = """() => {
