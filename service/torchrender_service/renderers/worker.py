@@ -35,7 +35,7 @@ from torchrender_service.renderers.jobs import (
     SentTask,
 )
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
-from torchrender_service.scheduling import give_way
+from torchrender_service.scheduling import give_way, go_on_when_alone
 
 if TYPE_CHECKING:
     from torchrender_service.renderers.job_runner import JobRunner
@@ -69,6 +69,7 @@ def main() -> int:
     # Replies own the pipe; whatever else prints goes to the log.
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
+    go_on_when_alone()
     niceness = int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS)))
     if niceness > NICENESS:
         give_way(niceness)
