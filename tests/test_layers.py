@@ -67,6 +67,7 @@ ORDER = (
     "torchrender_service.settings",
     "torchrender_service.logs",
     "torchrender_service.metrics",
+    "torchrender_service.imports",
     "torchrender_service.scheduling",
     "torchrender_service.door",
     "torchrender_service.renderers",

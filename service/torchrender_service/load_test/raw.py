@@ -62,7 +62,7 @@ class Raw:
     ) -> None:
         self._writer.transport.abort()
 
-    async def send(self, data: bytes) -> None:
+    async def send(self, data: bytes | memoryview) -> None:
         """Send, as fast as the server takes it."""
         self._writer.write(data)
         await self._writer.drain()
