@@ -37,7 +37,6 @@ from torchrender.kernels.shading.records import (
 from torchrender.kernels.shading.shade import shade
 from torchrender.numerics.lobe_albedo import albedo_table
 from torchrender.numerics.texture import padded
-from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
@@ -274,9 +273,12 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         maps = SkyMaps(torch.zeros(0, 0, 3), torch.zeros(0, 3), torch.zeros(0, 2, dtype=torch.int64))
     else:
         maps = SkyMaps.of(environment, scene.material_table.has_physical)
-    shown = environment if background is None else None
-    if shown is None:
-        shown = Environment(radiance=(ambient if background is None else background).reshape(1, 1, 3).clamp_min(0.0))
+    if environment is None or background is not None:
+        shown = (ambient if background is None else background).reshape(1, 1, 3).clamp_min(0.0)
+        turn, strength = 0.0, 1.0
+    else:
+        shown = environment.radiance if environment.shown is None else environment.shown
+        turn, strength = environment.rotation_deg, environment.intensity
     return Sky(
         ambient=array(ambient, f4),
         irradiance=array(maps.irradiance.reshape(-1, 3), f4),
@@ -287,8 +289,8 @@ def _sky(scene: Scene, background: Tensor | None) -> Sky:
         sheen=array(table.sheen, f4),
         lobes=array(sky_lobes(), f4),
         cosines=array(filled_up(), f4),
-        radiance=array(shown.radiance if shown.shown is None else shown.shown, f4),
-        turn=np.array([math.radians(shown.rotation_deg), shown.intensity], f4),
+        radiance=array(shown, f4),
+        turn=np.array([math.radians(turn), strength], f4),
     )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import torch
 from torch import Tensor
 
@@ -15,5 +13,5 @@ def wants_gradient(scene: Scene, *others: Tensor | None) -> bool:
     if not torch.is_grad_enabled():
         return False
     parts = (*scene.materials, *scene.lights, scene.environment)
-    values = (getattr(part, field.name) for part in parts if part is not None for field in fields(part))
+    values = (value for part in parts if part is not None for value in vars(part).values())
     return any(isinstance(v, Tensor) and v.requires_grad for v in (*values, scene.ambient, *others))

@@ -84,7 +84,7 @@ def lay(s, n, g, looks, given):
         u, v = np.float64(first[k]), np.float64(second[k])
         u, v = a * u + b * v + c, d * u + e * v + f
         finite = abs(u) + abs(v) < np.inf
-        u, v = u if finite else 0.0, v if finite else 0.0
+        u, v = u if finite else np.float64(0.0), v if finite else np.float64(0.0)
         s[ACROSS + k] = f4(placed(u, wrap_u))
         s[DOWN + k] = f4(placed(-v, wrap_v) if wrap_v == REPEAT else 1.0 - placed(v, wrap_v))
     for k in range(n):

@@ -44,7 +44,8 @@ def stages_of(samples: Samples, view: View, packed: Packed, looks: Looks, sky: S
 
 def _needs(packed: Packed, looks: Looks, sky: Sky, reach: Reach, out: Out) -> Iterator[str]:
     """Names of the stages beside those that every picture needs."""
-    kinds, lights = set(looks.groups_of[:, 2].tolist()), set(reach.lights[:, 0].tolist())
+    kinds = [kind for kind in (PHONG, METALLIC) if (looks.groups_of[:, 2] == kind).any()]
+    lights = set(reach.lights[:, 0].tolist())
     layered = (looks.numbers[:, MATERIAL["coat"]] > 0).any(), (looks.groups_of[:, 3] & SHEEN > 0).any()
     found = {
         "further": len(packed.further) > 0 or len(packed.tangent_row) > 0,
