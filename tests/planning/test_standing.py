@@ -164,6 +164,25 @@ def test_a_budget_that_became_too_small_is_searched_for(monkeypatch: pytest.Monk
     assert planned(monkeypatch, late, max_error=None, budget_ms=tight)[1] > 0
 
 
+def test_from_a_choice_that_turned_out_too_slow_the_way_back_is_no_search(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory
+) -> None:
+    rest = with_search(past, None)
+    plans = [planned(monkeypatch, rest, max_error=None, budget_ms=budget)[0] for budget in (30.0, 1000.0)]
+    quick, slow = (plan.search for plan in plans)
+    assert quick is not None and slow is not None and quick.possible and quick.settings != slow.settings
+    middle = 0.5 * sum(plan.predicted_ms or 0.0 for plan in plans)
+    stood = replace(quick, wishes=(middle, None), pictures=3)
+    assert stood.tried is not None and stood.tried.settings is stood.settings
+    assert replace(quick, earlier=stood).tried is stood and quick.tried is None
+    missed = replace(slow, wishes=(middle, None), pictures=1, earlier=stood)
+    plan, searches = planned(monkeypatch, with_search(rest, missed), max_error=None, budget_ms=middle)
+    assert searches == 0 and plan.search is not None and plan.search.settings == quick.settings
+    assert plan.search.pictures == 1, "it stands for as long as a new one"
+    lost = replace(missed, earlier=None)
+    assert planned(monkeypatch, with_search(rest, lost), max_error=None, budget_ms=middle)[1] > 0
+
+
 def test_headroom_follows_how_far_times_are_missed() -> None:
     assert headroom(Pace()) == HEADROOM
     pace = Pace()
