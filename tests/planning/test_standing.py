@@ -95,17 +95,18 @@ def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: Render
         assert planned(monkeypatch, with_search(known, replace(last(past), pictures=stood)))[1] > 0
 
 
-@pytest.mark.parametrize("share, stood, searched", [
-    (0.95, PICTURES, False), (0.95, LONGEST, True), (0.8, PICTURES - 1, False), (0.8, PICTURES, True),
+@pytest.mark.parametrize("share, searching, stood, searched", [
+    (0.95, 1e3, PICTURES, False), (0.95, 1e3, LONGEST, True), (0.8, 1e3, PICTURES - 1, False),
+    (0.8, 1e3, PICTURES, True), (0.95, 0.1, PICTURES, True),
 ])  # fmt: skip
 def test_a_choice_that_fills_its_budget_stands(
-    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, stood: int, searched: bool
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, searching: float, stood: int, searched: bool
 ) -> None:
     """No picture is worse than those beside it to pay for a search that has little to find."""
     rest = with_search(past, None)
     plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
     assert plan.search is not None and plan.possible and rest.pace is not None
-    costly = replace(rest.pace, known={**rest.pace.known, SEARCHING: 1e3})
+    costly = replace(rest.pace, known={**rest.pace.known, SEARCHING: searching})
     budget = (plan.predicted_ms or 0.0) / (share * HEADROOM)
     kept = replace(plan.search, wishes=(budget, None), pictures=stood)
     past = replace(rest, pace=replace(costly, search=kept))
