@@ -40,6 +40,7 @@ class Machine:
     off: float = 0.0  # standard deviation of logarithms of true times over predicted ones, by pass and setting
     late: dict[int, float] = field(default_factory=dict)  # times by number of the picture,
     of: str = ""  # of that pass; empty: of all
+    unpriced_ms: float = 0.0  # of the last pass, that curves say nothing of
     now_s: float = 0.0
     picture: int = 0
 
@@ -70,6 +71,8 @@ def sequence(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Plan]]:
     def run(seed: int, machine: Machine, count: int = PICTURES, step: int = 0, **wishes: float) -> list[Plan]:
         table = made_up(6, random.Random(seed))
         costs = costs_of(table, random.Random(seed))
+        if machine.unpriced_ms:
+            costs["end"] = {"only": (0.0, 0.0)}
         passes = tuple(timed(step, costs[step.name], machine) for step in table)
         options = asked = options_of(passes)
         for one in passes:
@@ -100,6 +103,7 @@ def timed(step: Pass, costs: dict[str, tuple[float, float]], machine: Machine) -
         setting = step.settings.current(frame.options)
         machine.runs(step.name, setting, costs[setting][0])
         if step.makes is PICTURE:
+            machine.takes(machine.unpriced_ms)
             return torch.zeros(1, CAMERA.height, CAMERA.width, 3)
         return step.run(frame)
 
@@ -191,3 +195,11 @@ def test_budgets_are_kept_where_predictions_are_off(sequence: Callable[..., list
     ]
     assert sum(share <= TOLERANCE for share in taken) >= 0.95 * len(taken)
     assert sorted(taken)[len(taken) // 2] > 0.75, "most of a budget is used"
+
+
+def test_what_no_curve_prices_is_learned(sequence: Callable[..., list[Plan]]) -> None:
+    """A budget is not filled beyond its end by what always comes on top of predictions."""
+    for seed in range(3):
+        plans = sequence(seed, Machine(seed, unpriced_ms=12.0), budget_ms=50.0)
+        times = sorted(plan.measured_ms or 0.0 for plan in plans[4:])
+        assert times[-2] <= 51.0, seed

@@ -44,6 +44,12 @@ FIRST_SEARCHING = 16.0
 BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 """Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
+UNPRICED, LAST_UNPRICED = (f"milliseconds that no curve prices: {name}" for name in ("usual", "last"))
+"""Quantities that a sequence learns: of passes that have nothing to do by their amounts, and between passes."""
+
+FIRST_UNPRICED = 2.0
+"""The most of it that a first picture after another one is believed."""
+
 MOST_MISSED = 0.4
 """Logarithm of a time over what was foreseen: pictures later than that are late at any headroom, and say nothing about
 how much of it the others need. It is also the most that one picture moves the speed by."""
