@@ -24,7 +24,16 @@ from torchrender.pipeline.doubts import Doubt, exposure_of
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import BESIDE, FIRST_SEARCHING, SEARCHING, Pace, Search
+from torchrender.pipeline.pace import (
+    BESIDE,
+    FIRST_SEARCHING,
+    FIRST_UNPRICED,
+    LAST_UNPRICED,
+    SEARCHING,
+    UNPRICED,
+    Pace,
+    Search,
+)
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
@@ -125,6 +134,7 @@ class Run:
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
             told = self.knowledge.pace.known
             spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
+            spent += 0.0 if done else told.get(UNPRICED, 0.0)
             before = self.plan if done else None
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
             if self.plan.ahead:
@@ -237,6 +247,15 @@ class Run:
         """All that was chosen is what an earlier picture chose."""
         return bool(self.searches) and all(search.pictures for search in self.searches)
 
+    def _unpriced(self, plan: Plan) -> dict[str, float]:
+        """What no curve prices of the time of a picture after another one: the least of the last two."""
+        took, known = self.clock.elapsed_ms, self.knowledge.pace.known
+        if not self.knowledge.outlook.history.pictures:
+            return {}
+        priced = sum(row.measured_ms or 0.0 for row in plan.running if row.predicted_ms or row.name in self.untypical)
+        now = max(took.get("total", 0.0) - priced - sum(took.get(name, 0.0) for name in BESIDE), 0.0)
+        return {UNPRICED: min(now, known.get(LAST_UNPRICED, FIRST_UNPRICED)), LAST_UNPRICED: now}
+
     def _missed(self, pace: Pace) -> Pace:
         """With how far the time was missed that a picture after the first was chosen for."""
         past, took = self.knowledge.outlook.history, self.clock.elapsed_ms.get("total", 0.0)
@@ -271,7 +290,7 @@ class Run:
                 times[row.name, row.setting] = row.measured_ms, raw
         pace = pace.learned_all(times)
         took, told = sum(ms for ms, raw in times.values() if raw > 0.0), sum(raw for _, raw in times.values())
-        own = {**pace.hurried(took, told), **self._beside()}
+        own = {**pace.hurried(took, told), **self._beside(), **self._unpriced(plan)}
         learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
         pace = replace(self._missed(pace), choice=settings, known=learned, search=self._search(plan))
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options)

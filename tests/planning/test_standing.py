@@ -95,17 +95,18 @@ def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: Render
         assert planned(monkeypatch, with_search(known, replace(last(past), pictures=stood)))[1] > 0
 
 
-@pytest.mark.parametrize("share, stood, searched", [
-    (0.95, PICTURES, False), (0.95, LONGEST, True), (0.8, PICTURES - 1, False), (0.8, PICTURES, True),
+@pytest.mark.parametrize("share, searching, stood, searched", [
+    (0.95, 1e3, PICTURES, False), (0.95, 1e3, LONGEST, True), (0.8, 1e3, PICTURES - 1, False),
+    (0.8, 1e3, PICTURES, True), (0.95, 0.1, PICTURES, True),
 ])  # fmt: skip
 def test_a_choice_that_fills_its_budget_stands(
-    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, stood: int, searched: bool
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, searching: float, stood: int, searched: bool
 ) -> None:
     """No picture is worse than those beside it to pay for a search that has little to find."""
     rest = with_search(past, None)
     plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
     assert plan.search is not None and plan.possible and rest.pace is not None
-    costly = replace(rest.pace, known={**rest.pace.known, SEARCHING: 1e3})
+    costly = replace(rest.pace, known={**rest.pace.known, SEARCHING: searching})
     budget = (plan.predicted_ms or 0.0) / (share * HEADROOM)
     kept = replace(plan.search, wishes=(budget, None), pictures=stood)
     past = replace(rest, pace=replace(costly, search=kept))
@@ -162,6 +163,25 @@ def test_a_budget_that_became_too_small_is_searched_for(monkeypatch: pytest.Monk
     assert kept.pace is not None
     late = replace(kept, pace=replace(kept.pace, misses=(0.35, 0.35)))
     assert planned(monkeypatch, late, max_error=None, budget_ms=tight)[1] > 0
+
+
+def test_from_a_choice_that_turned_out_too_slow_the_way_back_is_no_search(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory
+) -> None:
+    rest = with_search(past, None)
+    plans = [planned(monkeypatch, rest, max_error=None, budget_ms=budget)[0] for budget in (30.0, 1000.0)]
+    quick, slow = (plan.search for plan in plans)
+    assert quick is not None and slow is not None and quick.possible and quick.settings != slow.settings
+    middle = 0.5 * sum(plan.predicted_ms or 0.0 for plan in plans)
+    stood = replace(quick, wishes=(middle, None), pictures=3)
+    assert stood.tried is not None and stood.tried.settings is stood.settings
+    assert replace(quick, earlier=stood).tried is stood and quick.tried is None
+    missed = replace(slow, wishes=(middle, None), pictures=1, earlier=stood)
+    plan, searches = planned(monkeypatch, with_search(rest, missed), max_error=None, budget_ms=middle)
+    assert searches == 0 and plan.search is not None and plan.search.settings == quick.settings
+    assert plan.search.pictures == 1, "it stands for as long as a new one"
+    lost = replace(missed, earlier=None)
+    assert planned(monkeypatch, with_search(rest, lost), max_error=None, budget_ms=middle)[1] > 0
 
 
 def test_headroom_follows_how_far_times_are_missed() -> None:

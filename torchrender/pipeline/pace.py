@@ -21,7 +21,7 @@ FADING, SURELY = 0.85, 0.98
 """Powers that a ratio takes with every picture which does not use its setting, where one picture told it and where
 several did: one slow picture, as where kernels are loaded for the first time, must not keep a setting out for good."""
 
-UNTRIED = 1.15
+UNTRIED = 1.25
 """Times by which a setting that no picture of a sequence ran counts longer, it may be that far off: where the one late
 picture of ``MISSES`` has been."""
 
@@ -43,6 +43,12 @@ FIRST_SEARCHING = 16.0
 
 BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 """Quantities that a picture tells the next one: what a budget pays beside the passes."""
+
+UNPRICED, LAST_UNPRICED = (f"milliseconds that no curve prices: {name}" for name in ("usual", "last"))
+"""Quantities that a sequence learns: of passes that have nothing to do by their amounts, and between passes."""
+
+FIRST_UNPRICED = 2.0
+"""The most of it that a first picture after another one is believed."""
 
 MOST_MISSED = 0.4
 """Logarithm of a time over what was foreseen: pictures later than that are late at any headroom, and say nothing about
@@ -72,6 +78,12 @@ class Search:
     cost: tuple[float, float, float]  # expected milliseconds of what was to run, error, and most of it
     pictures: int = 0  # that stood by it
     later: Search | None = None  # the same for pictures that need not pay for a search
+    earlier: Search | None = None  # by which pictures stood before this one
+
+    @property
+    def tried(self) -> Search | None:
+        """What to go back to from another one: this, where pictures stood by it, else what they stood by before."""
+        return replace(self, earlier=None) if self.pictures and self.possible else self.earlier
 
     def is_of(self, wishes: tuple[float | None, float | None], asked: RenderOptions) -> bool:
         """It was about the same."""

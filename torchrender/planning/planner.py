@@ -110,6 +110,7 @@ def make_plan(
             changes=_changes(knowledge, asked, options, rows),
             cost=cost_of_rows(rows, expected, ran),
             later=None if before is None or before.search is None else before.search.later,
+            earlier=None if knowledge.pace.search is None else knowledge.pace.search.tried,
         )
         if found.later is not None:
             cost = (found.later.predicted_ms - spent_ms, found.later.predicted_error, found.later.predicted_error)

@@ -84,39 +84,68 @@ def stands(
         before: the plan that was made at an earlier place of this picture.
     """
     last = knowledge.pace.search if before is None else _left_of(knowledge, before, done)
-    if last is None or not last.is_of(wishes, knowledge.outlook.options):
-        return None
+    # Where a new choice turned out too slow for a budget, the one before it is as good as known, and needs no search.
+    back = last is not None and before is None and wishes[0] is not None and wishes[1] is None
+    tries = (last, last.earlier if back and last is not None else None)
+    for search in tries:
+        if search is None or not search.is_of(wishes, knowledge.outlook.options):
+            return None
+        made = _chosen_by(knowledge, options, search, done)
+        if made is None:
+            return None
+        rows = rows_of(knowledge, made)
+        expected = expected_of(knowledge, rows, made)
+        cost = cost_of_rows(rows, expected, frozenset(done))
+        if before is None and search is last and _is_due(knowledge, search, wishes, spent_ms + cost[0]):
+            return None
+        if _holds(knowledge, search, wishes, cost, spent_ms, before is not None):
+            choice = Choice(
+                settings=search.settings,
+                predicted_ms=spent_ms + cost[0],
+                predicted_error=cost[1],
+                possible=search.possible,
+            )
+            stood = (search.pictures if search is last else 0) + (before is None)
+            return Standing(choice, made, rows, replace(search, pictures=stood))
+    return None
+
+
+def _chosen_by(
+    knowledge: Knowledge, options: RenderOptions, search: Search, done: tuple[str, ...]
+) -> RenderOptions | None:
+    """The options with a search's settings; None where passes ran at others."""
     for step in knowledge.passes:
-        if step.name in last.settings:
-            setting = step.settings.named(last.settings[step.name])
+        if step.name in search.settings:
+            setting = step.settings.named(search.settings[step.name])
             if step.name not in done:
                 options = setting.applied(options)
             elif not setting.matches(options):
                 return None
-    rows = rows_of(knowledge, options)
-    expected = expected_of(knowledge, rows, options)
-    cost = cost_of_rows(rows, expected, frozenset(done))
-    needed_ms = spent_ms + cost[0]
-    if before is None and _is_due(knowledge, last, wishes, needed_ms):
-        return None
-    if wishes[0] is not None and wishes[1] is None:
-        patient = before is None and _is_patient(knowledge, last, wishes[0])
-        fits = _fits(knowledge, last, wishes[0], needed_ms)
-        if before is not None and last.possible:
-            # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance.
-            fits = spent_ms + cost[0] / headroom(knowledge.pace) <= TOLERANCE * wishes[0]
-        holds = fits and (patient or not _moved(cost, last.cost))
+    return options
+
+
+def _holds(
+    knowledge: Knowledge,
+    search: Search,
+    wishes: tuple[float | None, float | None],
+    cost: Cost,
+    spent_ms: float,
+    begun: bool,
+) -> bool:
+    """The choice still keeps what was wished for, as far as it did, at about the same cost.
+
+    Args:
+        begun: some passes of the picture ran.
+    """
+    budget, bound = wishes
+    if budget is None or bound is not None:
+        return not _moved(cost, search.cost) and search.possible == _kept(knowledge, wishes, cost, spent_ms)
+    if begun and search.possible:
+        # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance.
+        fits = spent_ms + cost[0] / headroom(knowledge.pace) <= TOLERANCE * budget
     else:
-        holds = not _moved(cost, last.cost) and last.possible == _kept(knowledge, wishes, cost, spent_ms)
-    if not holds:
-        return None
-    choice = Choice(
-        settings=last.settings,
-        predicted_ms=spent_ms + cost[0],
-        predicted_error=cost[1],
-        possible=last.possible,
-    )
-    return Standing(choice, options, rows, replace(last, pictures=last.pictures + (before is None)))
+        fits = _fits(knowledge, search, budget, spent_ms + cost[0])
+    return fits and ((not begun and _is_patient(knowledge, search, budget)) or not _moved(cost, search.cost))
 
 
 def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Search | None:
