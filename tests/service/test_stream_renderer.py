@@ -11,6 +11,7 @@ import torch
 
 from keyframe_jobs import HUNDRED, LOSSLESS_COLOR, STILL, aside, error, job, picture_of
 from reflection_scenes import looking, mirror_scene
+from torchrender.passes.mirrors.hit_shader import look_made_with
 from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.renderer import render
@@ -20,7 +21,7 @@ from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender_service.renderers.jobs import Bounds, MakeLayers, SmoothKeyframe
-from torchrender_service.renderers.streaming import stream_renderer
+from torchrender_service.renderers.streaming import carrying, stream_renderer
 from torchrender_service.renderers.streaming.carrying import LitViews
 from torchrender_service.renderers.streaming.stream_renderer import (
     ASIDE,
@@ -327,6 +328,28 @@ def test_what_no_picture_shows_is_filled_along_its_surface(scene) -> None:
     made = renderer.make(scene, job(scene, 2, **wish))["messages"][0]
     assert error(made, scene, there) < 8.0
     assert not (picture_of(made).codes.amax(dim=-1) == 0).any(), "no pixel stays black"
+
+
+def test_a_moving_view_shades_few_pixels_and_those_quickly(scene, monkeypatch) -> None:
+    """About as many as it has time for, at the borders too, and what takes as long for few as for all is left out."""
+    usual, shaded = carrying.shade_pixels, []
+
+    def noting(scene, seen, wanted, options, past):
+        shaded.append((int(wanted.sum()), options))
+        return usual(scene, seen, wanted, options, past)
+
+    monkeypatch.setattr(carrying, "shade_pixels", noting)
+    renderer, camera = StreamRenderer(), scene.camera(width=64, height=48)
+    renderer.make(scene, job(scene, 1, **STILL, camera=header_of(camera.sub_camera(12, 9, 40, 30))))
+    renderer._sessions["one"].lit.room = 64
+    renderer.make(scene, job(scene, 2))
+    renderer.make(scene, job(scene, 3, **STILL))
+    renderer.make(scene, job(scene, 4, **STILL, camera=header_of(aside(scene, 0.06))))
+    (few, quick), (_, exact) = shaded
+    assert 32 < few < 2 * 64
+    assert quick.tracing.bounces == exact.tracing.bounces == 1 < STREAMED.tracing.bounces
+    assert quick.scattering.slices < exact.scattering.slices and quick.shadow == exact.shadow, "no shadow vanishes"
+    assert look_made_with(quick) == look_made_with(exact), "both share what shades hits"
 
 
 def test_media_follow_a_session_without_a_scene_being_loaded(scene) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -12,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
+from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.transparency.before import told_apart
 from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
@@ -25,7 +25,17 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.viewing import Effect
 from torchrender_service.renderers.streaming.glass import Base, View, lit_picture, veiled
-from torchrender_service.renderers.streaming.haze import Haze
+from torchrender_service.renderers.streaming.haze import PANELS, SLICES, Haze
+from torchrender_service.renderers.streaming.lattice import (
+    extent,
+    middles,
+    part_of,
+    scattered,
+    spacing_of,
+    widen,
+    widened,
+    window_of,
+)
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import ShadedPixels, background_of, shade_pixels
 
@@ -34,10 +44,13 @@ MOST_OF_STILL = 0.8
 """Share of the pixels that must be known for a view at rest to be made out of others."""
 MOST_OF_MOVING = 0.3
 """The same for one that moves."""
-FEWEST, FIRST, MOST = 1024, 4096, 1 << 15
-"""Pixels that one moving picture shades at least, before it is known how long they take, and at most."""
+FEWEST, MOST = 3072, 1 << 15
+"""Pixels that one moving picture shades at least, also before it is known how long they take, and at most: a thousand
+take nearly as long, and leave surfaces that come into view without their shadows."""
 LEAST_MS = 30.0
 """Time that these have whatever else took."""
+ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
+"""Of each mirroring pixel in pictures that are shown for a short time; glossy ones share what their neighbours find."""
 FEW_RAYS = 4
 """Of a pixel of a view at rest, for the light from everywhere: those around it share theirs. That takes longer than
 more rays where there are few pixels."""
@@ -60,7 +73,7 @@ class LitViews:
 
     pictures: list[LitPicture] = field(default_factory=list)
     quick: LitPicture | None = None  # the last one of a moving view that was made anew, until there is one at rest
-    room: int = FIRST  # pixels that a moving picture shades
+    room: int = FEWEST  # pixels that a moving picture shades
     gathered: GatheredLight = field(default_factory=GatheredLight.none)  # that moving pictures shaded
     _scene: Scene | None = None
     _off: tuple[Effect, ...] = ()
@@ -147,9 +160,10 @@ def carried_picture(
         views.gathered.place(scene, view.apart, rest, carried.light)
     carried_ms = 1e3 * (time.perf_counter() - begin)
     room = None if budget_ms is None else views.room
-    alone = options
     if budget_ms is None:
-        alone = replace(options, ambient=replace(options.ambient, rays=FEW_RAYS, share=True))
+        alone = replace(options, ambient=replace(options.ambient, rays=FEW_RAYS, share=True), tracing=ONE_RAY)
+    else:
+        alone = _in_a_hurry(options)
     chosen, radiance, shaded = _completed(scene, view, carried, rest, room, alone, past)
     took_ms = 1e3 * (time.perf_counter() - begin)
     if budget_ms is not None and bool(chosen.any()):
@@ -169,7 +183,17 @@ def carried_picture(
     )
     mirrors = Layer(camera, carried.mirrors.depth, carried.mirrors.light, carried.mirrors.known)
     used = alone if shaded.plan is None else shaded.plan.options
+    used = replace(used, scattering=replace(used.scattering, air=options.scattering.air))  # for further layers
     return CarriedPicture(image, used, _plan(shaded, carried, carried_ms, took_ms), kept, mirrors)
+
+
+def _in_a_hurry(options: RenderOptions) -> RenderOptions:
+    """For the few pixels of a moving view that nothing shows.
+
+    Mirrors in mirrors, and slices of media, take about as long for a thousand of them as for all.
+    """
+    scattering = replace(options.scattering, slices=SLICES, panels=PANELS)
+    return replace(options, tracing=ONE_RAY, scattering=scattering)
 
 
 def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float]]) -> Tensor:
@@ -215,65 +239,32 @@ def _completed(
     radiance, seen = carried.light, view.seen
     count = int(rest.sum())
     room = count if room is None else room
-    spacing = _spacing(count, room)
-    height, width = (side - side % spacing for side in rest.shape)
-    first = spacing // 2
+    spacing = spacing_of(count, room)
+    rows, columns = (middles(side, spacing) for side in rest.shape)
     lattice = torch.zeros_like(rest)
-    lattice[first:height:spacing, first:width:spacing] = True
-    lattice[height:], lattice[:, width:] = True, True
+    lattice[rows[:, None], columns] = True
     placed = rest & lattice
-    chosen = placed | _scattered(rest & ~lattice, room - int(placed.sum()))
+    chosen = placed | scattered(rest & ~lattice, room - int(placed.sum()))
     solid = chosen & seen.covered[0]
-    shaded = shade_pixels(scene, seen, solid[None], options, past)
-    radiance[solid] = view.bare(shaded.radiance, solid)
+    # What media put before the eye is put before all that is seen, at the end.
+    bare = replace(options, scattering=replace(options.scattering, air=False))
+    shaded = shade_pixels(scene, seen, solid[None], bare, past)
+    radiance[solid] = shaded.radiance
     sky = ~carried.known & ~seen.covered[0]
     if bool(sky.any()):
-        rows, columns = (_extent(sky.any(dim=axis)) for axis in (1, 0))
-        shown = background_of(scene, _window(seen, rows, columns), options, past)[sky[rows, columns]]
-        radiance[sky] = view.bare(shown, sky)
+        window = tuple(extent(sky.any(dim=axis)) for axis in (1, 0))
+        shown = background_of(scene, window_of(seen, *window), replace(options, media=False), past)
+        radiance[sky] = shown[sky[window]]
     radiance[chosen] = view.through(scene, chosen, radiance[chosen])
     between = rest & ~chosen
     if bool(between.any()):
-        inner = slice(0, height), slice(0, width)
-        few = _part(view.apart, slice(first, height, spacing), slice(first, width, spacing))
-        many = _part(view.apart, *inner)
-        colors = radiance[first:height:spacing, first:width:spacing][None]
-        filled = joint_upsampled(colors, few, many, scene.geometry.material, between[inner][None])[0]
-        radiance[between] = filled[between[inner]]
+        few = part_of(view.apart, rows[:, None], columns)
+        size = spacing * len(rows), spacing * len(columns)
+        many, wanted = widened(view.apart, size), widen(between[None], size, False)
+        colors = radiance[rows[:, None], columns][None]
+        filled = joint_upsampled(colors, few, many, scene.geometry.material, wanted)[0]
+        radiance[between] = filled[wanted[0]]
     return solid, radiance if view.haze is None else view.haze.before(radiance), shaded
-
-
-def _scattered(pixels: Tensor, count: int) -> Tensor:
-    """(H,W) bool: about so many of the pixels, others as soon as there are more or fewer of them."""
-    total = int(pixels.sum())
-    if count <= 0 or not total:
-        return torch.zeros_like(pixels)
-    return pixels & (torch.rand(pixels.shape, generator=torch.Generator().manual_seed(total)) < count / total)
-
-
-def _extent(found: Tensor) -> slice:
-    """From the first to the last of those found (N) bool; there is one."""
-    rows = found.nonzero()[:, 0]
-    return slice(int(rows[0]), int(rows[-1]) + 1)
-
-
-def _window(seen: VisibilityBuffer, rows: slice, columns: slice) -> VisibilityBuffer:
-    """A rectangle of what one camera sees."""
-    part = _part(seen, rows, columns)
-    size = columns.stop - columns.start, rows.stop - rows.start
-    return replace(part, cameras=seen.cameras.sub_camera(columns.start, rows.start, *size))
-
-
-def _part(seen: VisibilityBuffer, rows: slice, columns: slice) -> VisibilityBuffer:
-    """Some rows and columns of what one camera sees; the camera stays that of all."""
-    names = ("depth", "triangle", "object_id", "barycentric")
-    return VisibilityBuffer(seen.cameras, *(getattr(seen, name)[:, rows, columns].contiguous() for name in names))
-
-
-def _spacing(count: int, room: int) -> int:
-    """Of a lattice in ``count`` pixels that has no more than ``room``; odd, so that it has pixels in its middle."""
-    least = max(1, math.ceil(math.sqrt(count / max(1, room))))
-    return least + 1 - least % 2
 
 
 def _outlines(seen: VisibilityBuffer) -> Tensor:

@@ -11,6 +11,7 @@ from torchrender.buffers import VisibilityBuffer
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of
 from torchrender.effects.upsampling.joint import joint_upsampled
 from torchrender.image import Image
+from torchrender.passes.picture.resample import resampled
 from torchrender.passes.picture.scattering import SCATTERING, Hazed, layer_before
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -48,16 +49,19 @@ class Haze:
 
     def spread(self, scene: Scene, few: VisibilityBuffer, seen: VisibilityBuffer) -> Haze:
         """That of pixels as few as ``few`` for what is ``seen``, along its surfaces."""
-        parts = self.passed, self.added
-        return Haze(*(joint_upsampled(part[None], few, seen, scene.geometry.material)[0] for part in parts))
+        both = torch.cat([self.passed, self.added], dim=-1)[None]
+        passed, added = joint_upsampled(both, few, seen, scene.geometry.material)[0].split(3, dim=-1)
+        return Haze(passed, added)
 
     @classmethod
     def of_image(cls, image: Image) -> Haze | None:
-        """Of a picture that carries it; None: there was none."""
+        """Of a picture that carries it, of one or several samples a pixel; None: there was none."""
         hazed = image.buffers.get(SCATTERING.name)
         if not isinstance(hazed, Hazed) or hazed.layer is None:
             return None
-        return cls(hazed.layer.transmittance[0], hazed.layer.scattered[0])
+        size = (image.cameras.height, image.cameras.width)
+        parts = (hazed.layer.transmittance, hazed.layer.scattered)
+        return cls(*((part if part.shape[1:3] == size else resampled(part, size, "joint"))[0] for part in parts))
 
     @property
     def thick(self) -> Tensor:

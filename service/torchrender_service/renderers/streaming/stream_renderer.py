@@ -9,7 +9,6 @@ from typing import Any
 
 import torch
 
-from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.light import ambient_visibility
 from torchrender.passes.mirrors import reflections
@@ -25,9 +24,8 @@ from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
 from torchrender_service.renderers.streaming.beginnings import Beginnings
-from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges
+from torchrender_service.renderers.streaming.carrying import ONE_RAY, carried_picture, moved_aside, smooth_edges
 from torchrender_service.renderers.streaming.glass import CARRYING_NEEDS, veiled
-from torchrender_service.renderers.streaming.haze import is_hazy
 from torchrender_service.renderers.streaming.layers import (
     cameras_around,
     extra_layers,
@@ -43,8 +41,9 @@ MAX_BYTES = 2**31
 """Of what is kept, where nothing else is said."""
 STREAM = "stream"
 """The use whose pace streams share."""
-MOVING_BUDGET_MS = 105.0
-"""Time for a moving keyframe where the session asks for no other."""
+MOVING_BUDGET_MS = 80.0
+"""Time for a moving keyframe where the session asks for no other: eight of them a second leave as much again as half of
+it for sending and decoding."""
 STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
 PACKING_SHARE = 0.5
@@ -57,8 +56,6 @@ QUICK_AMBIENT = "1 x 12"
 """Setting of ambient visibility in pictures that are made within a budget, however small."""
 QUICK_MIRRORS = "traced"
 """The same of mirrors."""
-ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
-"""Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
 SELDOM = 8
 """Keyframes of a moving view between two looks at what a session keeps: one picture takes as much as the next."""
 MAX_REFINED = 4
@@ -245,8 +242,7 @@ class StreamRenderer:
         options = options_of(STREAMED, job.off)
         lit = state.lit
         pictures = lit.of(scene, job.off) if job.still else lit.for_moving(scene, job.off)
-        anew = not job.still and is_hazy(scene, camera, options)  # media alone would take as long
-        if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms) and not anew:
+        if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
             past = replace(state.history.shared(), sequence=False) if job.still else state.history
             made = carried_picture(scene, camera, lit, pictures, past, options, budget_ms=bounds.budget_ms)
             if made is not None:
@@ -255,7 +251,7 @@ class StreamRenderer:
                 return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
-        keeps = bounds.max_error is None and not anew and not veiled(scene, camera, options)
+        keeps = bounds.max_error is None and not veiled(scene, camera, options)
         options = replace(options, buffers=CARRYING_NEEDS) if job.mirrors or keeps else options
         options = options if bounds.max_error is not None else _as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
