@@ -83,7 +83,7 @@ def test_a_keyframe_holds_what_was_rendered(scene):
 
 
 def test_a_picture_of_a_stream_tells_itself_in_a_line(scene):
-    told = repr(read(keyframe(scene, scene.camera(*SIZE), 0))[0])
+    told = repr(read(keyframe(scene, scene.camera(width=SIZE[0], height=SIZE[1]), 0))[0])
     assert "\n" not in told and "depth=float32 (48, 64)" in told and len(told) < 500
 
 

@@ -49,6 +49,17 @@ def test_nothing_hides_the_sky_from_a_plain() -> None:
         assert float(found.bent_normal[..., 1].min()) > 0.99
 
 
+@pytest.mark.parametrize("spacing", [1, 4])
+def test_few_rays_do_not_turn_the_light_of_what_nothing_hides(spacing: int) -> None:
+    """A ball alone: the sky comes from around its normal, however its eight rays lie."""
+    scene = Scene(meshes=(Mesh.sphere(1.0),))
+    seen = rasterize(scene, camera((0.0, 1.0, 4.0), (0.0, 0.0, 0.0)))
+    found = traced_ambient(RayCaster(scene.geometry), seen, rays=8, reach=1.0, spacing=spacing)
+    clear = seen.covered & (found.sky > 1.0 - 1e-5)
+    assert float(clear.sum()) > 0.8 * float(seen.covered.sum())
+    assert float((found.bent_normal - seen.normal)[clear].norm(dim=-1).max()) < 0.02
+
+
 @pytest.mark.parametrize("around", [48, 96])
 def test_no_sky_gets_into_a_closed_box(around: int) -> None:
     scene = Scene(meshes=(box(torch.tensor([4.0, 3.0, 5.0])),))

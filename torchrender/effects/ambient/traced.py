@@ -18,6 +18,8 @@ from torchrender.rays import RayCaster
 
 CHUNK = 1 << 18
 """Rays at a time."""
+WHOLE = 2 / 3
+"""Length of the mean of directions that are spread as the cosine, over the whole hemisphere."""
 
 
 def traced_ambient(
@@ -59,7 +61,7 @@ def traced_ambient(
         return _from_all(samples, cast)
     if spacing > 1 and not samples.cameras.orthographic:
         return _from_few(samples, cast, spacing)
-    return as_images(samples.covered, *_cast(samples, samples.covered, cast, 1), samples.normal)
+    return _images(samples, *_cast(samples, samples.covered, cast, 1))
 
 
 class Cast(NamedTuple):
@@ -75,7 +77,7 @@ def _from_hits(samples: RaySurface, how: Cast, share: bool) -> AmbientVisibility
     """Rays of all hits, whose values those take that lie around them."""
     covered, width = samples.covered, samples.width
     if width is None or not share:
-        return as_images(covered, *_cast(samples, covered, how, 0), samples.normal)
+        return _images(samples, *_cast(samples, covered, how, 0))
     return _shared(samples, width[covered], how)
 
 
@@ -88,13 +90,19 @@ def _from_all(samples: GBuffer, how: Cast) -> AmbientVisibility:
 def _shared(samples: GBuffer | RaySurface, width: Tensor, how: Cast) -> AmbientVisibility:
     """Rays of all covered samples, so wide (N,) each, and values that those around in their picture have a part in."""
     covered = samples.covered
-    sky, near, bent = _cast(samples, covered, how, 1)
-    values = torch.cat([sky[:, None], near[:, None], bent / how.rays], dim=1)
+    sky, near, aside = _cast(samples, covered, how, 1)
+    values = torch.cat([sky[:, None], near[:, None], aside], dim=1)
     counts = covered.flatten(1).sum(dim=1).tolist()
     each = (v.split(counts) for v in (samples.position[covered], samples.normal[covered], width, values))
     shared = [share_hits(p, n, w, v, how.rays) for p, n, w, v in zip(*each, strict=True)]
     values = torch.cat(shared) if shared else values
-    return as_images(covered, values[:, 0], values[:, 1], values[:, 2:], samples.normal)
+    return _images(samples, values[:, 0], values[:, 1], values[:, 2:])
+
+
+def _images(samples: GBuffer | RaySurface, sky: Tensor, near: Tensor, aside: Tensor) -> AmbientVisibility:
+    """Images of what :func:`_cast` found of all covered samples."""
+    open_ = aside + WHOLE * sky[:, None] * samples.normal[samples.covered]
+    return as_images(samples.covered, sky, near, open_, samples.normal)
 
 
 def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
@@ -105,31 +113,36 @@ def _from_few(samples: GBuffer, how: Cast, spacing: int) -> AmbientVisibility:
     grids = [lattice_of(samples, k, spacing) for k in range(len(covered))]
     for k, grid in enumerate(grids):
         chosen[k, grid.rows[:, None], grid.columns] = grid.seen
-    sky, near, bent = _cast(samples, chosen, how, spacing)
-    found[chosen] = torch.cat([near[:, None], sky[:, None], bent / how.rays], dim=1)[:, :channels]
+    sky, near, aside = _cast(samples, chosen, how, spacing)
+    found[chosen] = torch.cat([near[:, None], sky[:, None], aside], dim=1)[:, :channels]
     pixels = torch.ones(*covered.shape, channels)
+    pixels[..., 2:] = 0.0
     for k, grid in enumerate(grids):
         spread(samples, k, grid, found[k][grid.rows][:, grid.columns], pixels[k])
     shares = torch.where(covered[..., None], pixels[..., :2].clamp(0.0, 1.0), 1.0)
     if not how.far:
         return AmbientVisibility(shares[..., 0], shares[..., 0], samples.normal)
-    bent = pixels[..., 2:]
+    bent = pixels[..., 2:] + WHOLE * shares[..., 1:2] * samples.normal
     length = bent.norm(dim=-1, keepdim=True)
     unit = torch.where(covered[..., None] & (length > 1e-6), bent / length.clamp_min(1e-6), samples.normal)
     return AmbientVisibility(shares[..., 1], shares[..., 0], unit)
 
 
 def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Visibility of the sky and of what is near, (N,), and sums (N,3) of open directions, of the chosen samples.
+    """Visibility of the sky and of what is near, (N,), and the way (N,3) to where it is open, of the chosen samples.
 
-    ``step``: pixels between samples with spirals of their own; 0: all have the same.
+    That way is the mean of the open directions less the visible share of the mean of all: nothing where nothing is
+    hidden, so that few rays do not turn the light there, and the normal, ``WHOLE`` times that share, is added later.
+
+    Args:
+        step: pixels between samples with spirals of their own; 0: all have the same.
     """
     caster, rays, reach, far = how
     normal, surface = samples.normal[chosen], samples.geometric_normal[chosen]
     gap = position_error(samples, chosen.reshape(-1).nonzero().reshape(-1))
     start = samples.position[chosen] + surface.double() * gap[:, None]
     number = _numbers(samples, chosen, start, step)
-    sky, near, bent = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
+    sky, near, aside = torch.zeros(len(start)), torch.zeros(len(start)), torch.zeros(len(start), 3)
     for rows in torch.arange(len(start)).split(max(1, CHUNK // rays)):
         toward = _cosine_directions(normal[rows], rays, number[rows])
         up = (toward * surface[rows, None]).sum(-1) > 0
@@ -149,9 +162,10 @@ def _cast(samples: GBuffer | RaySurface, chosen: Tensor, how: Cast, step: int) -
         near[rows] = clear.reshape(up.shape).float().mean(dim=1)
         if not far:
             seen_far = clear
-        sky[rows] = seen_far.reshape(up.shape).float().mean(dim=1)
-        bent[rows] = (toward * seen_far.reshape(up.shape)[..., None]).sum(dim=1)
-    return sky, near, bent
+        seen = seen_far.reshape(up.shape).float()
+        sky[rows] = seen.mean(dim=1)
+        aside[rows] = (toward * (seen - sky[rows, None])[..., None]).mean(dim=1)
+    return sky, near, aside
 
 
 def _numbers(samples: GBuffer | RaySurface, chosen: Tensor, place: Tensor, step: int) -> Tensor:
