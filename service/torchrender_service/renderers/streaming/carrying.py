@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
-from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.transparency.before import told_apart
 from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
@@ -44,13 +43,11 @@ MOST_OF_STILL = 0.8
 """Share of the pixels that must be known for a view at rest to be made out of others."""
 MOST_OF_MOVING = 0.3
 """The same for one that moves."""
-FEWEST, MOST = 3072, 1 << 15
+FEWEST, MOST = 2048, 1 << 15
 """Pixels that one moving picture shades at least, also before it is known how long they take, and at most: a thousand
 take nearly as long, and leave surfaces that come into view without their shadows."""
 LEAST_MS = 30.0
 """Time that these have whatever else took."""
-ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
-"""Of each mirroring pixel in pictures that are shown for a short time; glossy ones share what their neighbours find."""
 FEW_RAYS = 4
 """Of a pixel of a view at rest, for the light from everywhere: those around it share theirs. That takes longer than
 more rays where there are few pixels."""
@@ -160,10 +157,10 @@ def carried_picture(
         views.gathered.place(scene, view.apart, rest, carried.light)
     carried_ms = 1e3 * (time.perf_counter() - begin)
     room = None if budget_ms is None else views.room
+    alone = _in_a_hurry(options)
     if budget_ms is None:
-        alone = replace(options, ambient=replace(options.ambient, rays=FEW_RAYS, share=True), tracing=ONE_RAY)
-    else:
-        alone = _in_a_hurry(options)
+        few = replace(options.ambient, rays=FEW_RAYS, share=True)
+        alone = replace(alone, ambient=few, scattering=options.scattering)
     chosen, radiance, shaded = _completed(scene, view, carried, rest, room, alone, past)
     took_ms = 1e3 * (time.perf_counter() - begin)
     if budget_ms is not None and bool(chosen.any()):
@@ -188,12 +185,12 @@ def carried_picture(
 
 
 def _in_a_hurry(options: RenderOptions) -> RenderOptions:
-    """For the few pixels of a moving view that nothing shows.
+    """For the few pixels that nothing shows of a view that another picture follows soon.
 
     Mirrors in mirrors, and slices of media, take about as long for a thousand of them as for all.
     """
     scattering = replace(options.scattering, slices=SLICES, panels=PANELS)
-    return replace(options, tracing=ONE_RAY, scattering=scattering)
+    return replace(options, tracing=replace(options.tracing, bounces=1), scattering=scattering)
 
 
 def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float]]) -> Tensor:

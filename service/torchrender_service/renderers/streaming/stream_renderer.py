@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.passes.light import ambient_visibility
 from torchrender.passes.mirrors import reflections
@@ -24,7 +25,7 @@ from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
 from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_message, layer_message, mirror_message
 from torchrender_service.renderers.streaming.beginnings import Beginnings
-from torchrender_service.renderers.streaming.carrying import ONE_RAY, carried_picture, moved_aside, smooth_edges
+from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges
 from torchrender_service.renderers.streaming.glass import CARRYING_NEEDS, veiled
 from torchrender_service.renderers.streaming.layers import (
     cameras_around,
@@ -41,9 +42,9 @@ MAX_BYTES = 2**31
 """Of what is kept, where nothing else is said."""
 STREAM = "stream"
 """The use whose pace streams share."""
-MOVING_BUDGET_MS = 80.0
-"""Time for a moving keyframe where the session asks for no other: eight of them a second leave as much again as half of
-it for sending and decoding."""
+MOVING_BUDGET_MS = 95.0
+"""Time for a moving keyframe where the session asks for no other: eight of them a second leave 30 ms for what is not
+done beside."""
 STILL_FACTOR = 4.0
 """A refinement may take this many times the budget."""
 PACKING_SHARE = 0.5
@@ -56,6 +57,8 @@ QUICK_AMBIENT = "1 x 12"
 """Setting of ambient visibility in pictures that are made within a budget, however small."""
 QUICK_MIRRORS = "traced"
 """The same of mirrors."""
+ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
+"""Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
 SELDOM = 8
 """Keyframes of a moving view between two looks at what a session keeps: one picture takes as much as the next."""
 MAX_REFINED = 4
