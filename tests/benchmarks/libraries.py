@@ -51,12 +51,12 @@ def pairs() -> dict[str, tuple[Callable[[], object], Callable[[], object]]]:
     few = torch.nn.functional.avg_pool2d(picture, 2)[0].permute(1, 2, 0).contiguous().numpy()
     coarse = np.ascontiguousarray(depth.numpy()[::2, ::2])
     ids, small = np.zeros(depth.shape, np.int64), np.zeros(coarse.shape, np.int64)
-    out = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    out, asked = np.zeros((HEIGHT, WIDTH, 3), np.float32), np.ones(depth.shape, np.bool_)
     grown = torch.nn.functional.interpolate(torch.from_numpy(few).permute(2, 0, 1)[None], (HEIGHT, WIDTH))
 
     def joint() -> None:
         kinds = np.zeros(1, np.int64)
-        spread_colors(few, (coarse, small, small), (depth.numpy(), ids, ids), kinds, (0.05, 0.01, 1e-4), out)
+        spread_colors(few, (coarse, small, small), (depth.numpy(), ids, ids), kinds, (0.05, 0.01, 1e-4), asked, out)
 
     return {
         "Gaussian blur, 11 pixels": (

@@ -105,7 +105,7 @@ FAULTS: tuple[Fault, ...] = (
         ("passing[pixel[shows]] = before[shows] * behind[shows]", "passing[pixel[shows]] = behind[shows]"),
         ("& (length < limit)", "& (length <= limit * 2)"),
         ("DARK = 1e-3", "DARK = 0.3"),
-        ("depth = torch.ones_like(hits.t) if cameras.orthographic else hits.t / lengths[pixel]", "depth = torch.ones_like(hits.t)"),
+        ("limit = gbuffer.depth.reshape(-1).double() * lengths", "limit = gbuffer.depth.reshape(-1).double()"),
     ),
     *faults("transparency", E + "transparency/passing.py", "tests/effects/transparency",
         ("(1.0 - covers)[:, None] + covers[:, None] * thin", "(1.0 - covers)[:, None] + thin"),

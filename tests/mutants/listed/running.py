@@ -175,7 +175,7 @@ FAULTS: tuple[Fault, ...] = (
         ("dot(axis, v) * (1 - cos)", "dot(axis, v)"),
     ),
     *faults("page", JS + "warp.js", PAGE,
-        ("picture.uniforms.trim.value = rank > 0 && picture.lossy;", "picture.uniforms.trim.value = picture.lossy;"),
+        ("picture.uniforms.trim.value = rank > 0 && !picture.extra;", "picture.uniforms.trim.value = !picture.extra;"),
         ("picture.mesh.geometry.setIndex(this.index);", ""),
         ("+ rank * STEP_BIAS;", ";"),
     ),

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -45,7 +46,7 @@ def small_sky(sky: Environment) -> Environment:
 
 def glossy(materials: Sequence[Material]) -> tuple[Material, ...]:
     """The materials with their colours, in turn plastics and metals of several roughnesses."""
-    usual = {name: number for name, (number, _) in PHONG.items()}
+    usual: dict[str, Any] = {name: number for name, (number, _) in PHONG.items()}
     return tuple(
         material
         if material.unlit
