@@ -22,8 +22,7 @@ PACKAGE = "torchrender.kernels."
 GROUPS = ("render", "depth", "points", "voxels", "serve")
 """What kernels can be compiled for. The parts of ``render`` are named ``render.`` and the pass, with ``.more`` at the
 end what only other settings than the usual ones need, or ``render.shading.`` and what only some scenes have;
-``render.any`` is needed by all, ``render.files`` by files whose meshes have no normals, ``serve.first`` by first
-keyframes."""
+``render.any`` is needed by all, ``render.files`` to read files, ``serve.first`` by first keyframes."""
 MORE = ".more"
 
 
