@@ -122,7 +122,7 @@ def test_curves_of_others_stay_in_the_page(tmp_path: Path, capsys: pytest.Captur
     assert main([*words, "voxels"]) == 0
     page = earlier_curves(tmp_path / "tradeoff.html", 32)["cornell_box/96"]
     assert list(page.passes) == ["direct_light", "voxels"] and page.passes["direct_light"] == first
-    assert page.passes["voxels"]["picture"].startswith("data:image/jpeg")
+    assert page.passes["voxels"]["picture"].startswith("data:image/webp")
     record = json.loads((tmp_path / "tradeoff-cornell_box.json").read_text())
     assert set(record["passes"]) == {"direct_light", "voxels"} and "picture" not in record["passes"]["voxels"]
     capsys.readouterr()

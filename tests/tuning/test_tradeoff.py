@@ -76,7 +76,7 @@ def test_errors_fall_from_fast_to_exact_and_the_reference_has_none(tmp_path: Pat
     assert "/*DATA*/" not in text and text.count("</script>") == 2
     assert "http" not in text.replace("http://www.w3.org", "")
     data = page_data([curves])
-    assert data["scenes"][curves.name]["soft_shadow"]["settings"]["hard"]["difference"].startswith("data:image/jpeg")
+    assert data["scenes"][curves.name]["soft_shadow"]["settings"]["hard"]["difference"].startswith("data:image/webp")
     assert picture_url(None) == "" and picture_url(torch.zeros(4, 4)).startswith("data:")
 
 

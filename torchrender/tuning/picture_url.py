@@ -23,5 +23,5 @@ def picture_url(picture: Tensor | None) -> str:
     image = Pillow.fromarray(np.ascontiguousarray(codes))
     image.thumbnail((SHOWN, SHOWN), Pillow.Resampling.LANCZOS)
     data = io.BytesIO()
-    image.save(data, "JPEG", quality=74)
-    return "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode()
+    image.save(data, "WEBP", quality=60)
+    return "data:image/webp;base64," + base64.b64encode(data.getvalue()).decode()
