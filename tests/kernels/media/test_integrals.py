@@ -15,6 +15,7 @@ from torchrender.effects.media.eye_rays import eye_of, rays_of
 from torchrender.effects.media.lattice import spacing
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES
 from torchrender.effects.media.options import ScatterOptions
+from torchrender.effects.media.scatter import Illumination, scatter
 from torchrender.effects.media.tables import NOTHING, LightTable, MediaTable
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import airlight_row, airlight_to, fill_airlight
@@ -205,6 +206,16 @@ def test_thin_layers_in_a_tall_box_are_integrated_where_they_are() -> None:
         wanted = 0.3 * 1.5 / (4 * math.pi) * np.exp(-0.8 * (y + 1.0) - before).sum() * (t[1] - t[0])
         assert sunny[row] == pytest.approx(wanted, rel=1e-2)
     assert np.abs(by_lamp - by_many).mean() < 1e-2 * by_many.mean()
+
+
+def test_pixels_between_others_look_through_thin_layers_in_a_tall_box_as_these_do() -> None:
+    medium = fog(low=(-100.0, -1.0, -100.0), high=(100.0, 50.0, 100.0), falloff=1.0)
+    lit, depth = Illumination(lights=(SUN,), size=10.0), torch.full((1, 24, 32), torch.inf)
+    few, every = (
+        scatter((medium,), eye(32, 24), depth, lit, ScatterOptions(block=block)).scattered[..., 0] for block in (2, 1)
+    )
+    assert float((few - every).abs().mean()) < 0.02 * float(every.mean())
+    assert float((few - every).abs().max()) < 0.3 * float(every.max())
 
 
 def test_steps_of_equal_angle_meet_quadrature() -> None:
