@@ -148,6 +148,16 @@ def test_without_the_air_before_the_eye_only_other_ways_dim_the_light() -> None:
     assert float((clear - near).mean()) > 0.05 * float(clear.mean()), "lamps and mirrors are seen through it"
 
 
+def test_without_the_air_before_the_eye_panes_are_as_clear_as_what_lies_behind() -> None:
+    glass = Material(name="glass", diffuse=[0.2, 0.4, 0.6], opacity=0.5, blend=True)
+    room = t1(LAMP)
+    panes = (*room.meshes, tr.Mesh.box([1.0, 1.0, 0.02], [0.0, 0.0, -2.0], material=len(room.materials)))
+    clear = replace(room, meshes=panes, materials=(*room.materials, glass), media=())
+    options = RenderOptions(scattering=replace(ALL, air=False, surfaces=False))
+    near = tr.render(replace(clear, media=(fog(),)), SMALL, options=options).radiance
+    torch.testing.assert_close(near, tr.render(clear, SMALL).radiance, rtol=1e-5, atol=1e-6)
+
+
 def mirror_scene(medium) -> Scene:
     """A mirror on the left shows the wall behind the eye."""
     scene = t1(LAMP, medium=medium)

@@ -12,8 +12,10 @@ import torch
 from media_scenes import LAMP, SUN, eye, fog, quadrature, scattered, t1
 from torchrender.effects.media.between import GRADIENTS
 from torchrender.effects.media.eye_rays import eye_of, rays_of
+from torchrender.effects.media.lattice import spacing
 from torchrender.effects.media.light_images import NO_IMAGES, NO_SLICES
 from torchrender.effects.media.options import ScatterOptions
+from torchrender.effects.media.scatter import Illumination, scatter
 from torchrender.effects.media.tables import NOTHING, LightTable, MediaTable
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.airlight import airlight_row, airlight_to, fill_airlight
@@ -178,6 +180,42 @@ def test_a_lamp_in_a_medium_that_falls_off_meets_quadrature() -> None:
         for row in range(0, 1200, 97):
             d, end = rays.beams.direction[row].astype(float), float(rays.beams.span[row, 1])
             assert found[row] == pytest.approx(quadrature(d, (0.0, end), place, optical, scattering), rel=tolerance)
+
+
+def test_thin_layers_in_a_tall_box_are_integrated_where_they_are() -> None:
+    """Eight equal steps up to a ceiling 800 times as high as the layers would pass these over."""
+    top = 1e3
+    medium = fog(low=(-top, -1.0, -top), high=(top, top, top), density=1.5, falloff=0.8)
+    camera = eye(40, 30)
+    table = MediaTable.of([medium], eye_of(camera))
+    rays = rays_of(camera, torch.full((30, 40), torch.inf), table)
+    assert spacing(table, rays, ScatterOptions()) == 0
+    travels = SUN.direction.double().numpy()
+
+    def optical(y: np.ndarray, rise: float) -> np.ndarray:
+        """Above y."""
+        return 0.4 * 1.5 * np.exp(-0.8 * (y + 1.0)) / (0.8 * rise)
+
+    lights = [LightTable.of(light, table.origin, 1e-3, "inverse_square") for light in (SUN, LAMP)]
+    sunny, by_lamp, by_many = (light_of(table, rays, lights[k], panels) for k, panels in ((0, 8), (1, 8), (1, 64)))
+    for row in range(0, 1200, 97):
+        d, end = rays.beams.direction[row].astype(float), float(rays.beams.span[row, 1])
+        t = min(end, 60.0 / (0.8 * abs(d[1]))) * (np.arange(20000) + 0.5) / 20000
+        y = d[1] * t
+        before = (optical(np.zeros(1), d[1]) - optical(y, d[1])) + optical(y, -travels[1] / np.linalg.norm(travels))
+        wanted = 0.3 * 1.5 / (4 * math.pi) * np.exp(-0.8 * (y + 1.0) - before).sum() * (t[1] - t[0])
+        assert sunny[row] == pytest.approx(wanted, rel=1e-2)
+    assert np.abs(by_lamp - by_many).mean() < 1e-2 * by_many.mean()
+
+
+def test_pixels_between_others_look_through_thin_layers_in_a_tall_box_as_these_do() -> None:
+    medium = fog(low=(-100.0, -1.0, -100.0), high=(100.0, 50.0, 100.0), falloff=1.0)
+    lit, depth = Illumination(lights=(SUN,), size=10.0), torch.full((1, 24, 32), torch.inf)
+    few, every = (
+        scatter((medium,), eye(32, 24), depth, lit, ScatterOptions(block=block)).scattered[..., 0] for block in (2, 1)
+    )
+    assert float((few - every).abs().mean()) < 0.02 * float(every.mean())
+    assert float((few - every).abs().max()) < 0.3 * float(every.max())
 
 
 def test_steps_of_equal_angle_meet_quadrature() -> None:

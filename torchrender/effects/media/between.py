@@ -27,6 +27,9 @@ from torchrender.kernels.media.blocks import (
 )
 from torchrender.kernels.media.records import HEIGHT, Scattered
 
+DEEP = 4.0
+"""Times a ray may climb the way in which density falls to a part of 1/e, for the density at its middle to stand for
+that along it."""
 GRADIENTS = {"lsq": LSQ, "nearest": NEAREST, "none": NONE}
 Integrate = Callable[[np.ndarray, Scattered], None]
 """Fills rows of what becomes of rays."""
@@ -58,11 +61,12 @@ def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor | None, options: S
     """(H,W) what scattered light is divided by before it is interpolated.
 
     The length of the way; in a medium that falls off with height, the density at the middle of the way times that
-    (specification 09, section 4). "effective": the length of a way through as much of the medium along which nothing
-    would be lost, ``(1 - exp(-tau)) / extinction``.
+    (specification 09, section 4), or the density's integral where rays climb many of its layers: there the middle says
+    nothing of the way. "effective": the length of a way through as much of the medium along which nothing would be
+    lost, ``(1 - exp(-tau)) / extinction``.
 
     Args:
-        ways: (H W,M) integrals of the densities, of "effective".
+        ways: (H W,M) integrals of the densities, of "effective" and of many layers.
     """
     length = rays.length
     arrays = table.arrays
@@ -74,6 +78,8 @@ def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor | None, options: S
         direction = torch.from_numpy(rays.beams.direction)[:, 1].reshape(rays.shape)
         span = torch.from_numpy(rays.beams.span).reshape(*rays.shape, 2)
         _, falloff, ground, _ = (float(v) for v in arrays.numbers[0])
+        if ways is not None and falloff * float((direction * length).abs().max()) > DEEP:
+            return ways[:, 0].reshape(rays.shape)
         height = direction * span.mean(dim=-1).clamp_max(1e15) - ground
         return length * torch.exp((-falloff * height).clamp(-60.0, 60.0))
     return length

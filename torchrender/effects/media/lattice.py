@@ -37,6 +37,8 @@ def spacing(table: MediaTable, rays: EyeRays, options: ScatterOptions) -> int:
             side = (media.high[m] - media.low[m]) / media.dims[m, 2::-1]
             step = min(step, CELLS * float(side.min()) / far)
         elif media.kind[m] == HEIGHT:
+            if falloff * min(rays.sight.longest, float(media.high[m, 1] - media.low[m, 1])) > INTERVALS:
+                return 0  # steps of a node's ray are too long for it
             step = min(step, LAYERS / (falloff * far))
     return int(step) if step >= FINEST else 0
 

@@ -19,7 +19,7 @@ from torchrender.kernels.media.lattice import lattice_knows, lattice_to
 from torchrender.kernels.media.nodes import fill_nodes
 from torchrender.kernels.media.panels import WIDTH, fill_panel, integral_to
 from torchrender.kernels.media.records import AMBIENT, FLAT, NEAREST, SQUARE, SUN
-from torchrender.kernels.media.spans import break_points, light_span, slice_ray
+from torchrender.kernels.media.spans import PLACES, break_points, light_span, slice_ray
 from torchrender.kernels.media.walk import walk_ray
 from torchrender.kernels.voxels.bits import span as block_of
 
@@ -233,7 +233,7 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
     """
     kind, way, steps, most, reach = settings
     boxes, channels = media.extinction.shape
-    most_panels = (2 * boxes + 3) * 2 + 2 * NEAR * steps + 8
+    most_panels = (PLACES * boxes + 3) * 2 + 2 * NEAR * steps + 8
     groups = (len(chosen) + GROUP - 1) // GROUP
     for group in prange(groups):
         fields, sight = borrowed(media), (borrowed(images), borrowed(slices))
@@ -247,8 +247,8 @@ def scatter_rays(media, source, images, slices, beams, chosen, settings, out):
             np.empty(most_nodes, F), np.empty((3, most_nodes), F), np.empty(channels, F),
         )  # fmt: skip
         own = (
-            np.empty((channels, most_panels, WIDTH), F), nodes, np.empty(5 * boxes + 3, F), np.empty(boxes, np.bool_),
-            np.empty((most, 2), F), np.empty(slices.rows.shape[1], np.int64),
+            np.empty((channels, most_panels, WIDTH), F), nodes, np.empty(PLACES * boxes + 3, F),
+            np.empty(boxes, np.bool_), np.empty((most, 2), F), np.empty(slices.rows.shape[1], np.int64),
         )  # fmt: skip
         scratch = borrowed(own)
         begin, end = block_of(group, GROUP, len(rows))

@@ -10,7 +10,7 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.density import box_span
 from torchrender.kernels.media.functions import arctan2, tangent
-from torchrender.kernels.media.records import AXIS, FADE, OUTER, RECT, SPOT, SUN
+from torchrender.kernels.media.records import AXIS, FADE, FALLOFF, HEIGHT, OUTER, RECT, SPOT, SUN
 from torchrender.kernels.media.slices import (
     ANGLE,
     ANGLE_STEP,
@@ -25,6 +25,14 @@ from torchrender.kernels.media.slices import (
 from torchrender.kernels.media.walk import add_span
 
 F: Any = np.float32
+LAYERS = 6
+"""Lengths at which a ray through a density that falls off with height changes its steps: 1, 2, 4 ... times the way in
+which that becomes a part of 1/e, from where the ray is lowest; what lies beyond the last is nothing beside what is
+there."""
+DEEP = F(8.0)
+"""Times that way which equal steps are fine enough for."""
+PLACES = 5 + LAYERS
+"""Lengths of each medium that :func:`break_points` finds, at most."""
 
 
 @kernel(inline=True)
@@ -178,8 +186,29 @@ def slice_ray(slices, parallel, angles, d, ends, spans, found):
 
 
 @kernel(inline=True)
+def add_layers(media, m, rise, ends, points, count):
+    """Add lengths between ``ends`` where a ray that climbs by ``rise`` changes its steps, see :data:`LAYERS`; -> how
+    many there are.
+    """
+    begin, end = ends
+    fall = media.numbers[m, FALLOFF] * rise
+    if media.kind[m] != HEIGHT or not abs(fall) * (end - begin) > DEEP:
+        return count
+    above = F(1.0) / fall
+    for _ in range(LAYERS):
+        t = begin + above if fall > F(0.0) else end + above
+        if t > begin and t < end and count < len(points):
+            points[count] = t
+            count += 1
+        above *= F(2.0)
+    return count
+
+
+@kernel(inline=True)
 def break_points(media, kind, light, o, d, begin, end, points):
-    """Lengths, in order, between which the same media are met and, before the sun, the same sides of boxes."""
+    """Lengths, in order, between which the same media are met and, before the sun, the same sides of boxes, and between
+    which densities that fall off with height change no more than steps can follow.
+    """
     points[0], points[1] = begin, end
     count = 2
     for m in range(media.low.shape[0]):
@@ -189,6 +218,7 @@ def break_points(media, kind, light, o, d, begin, end, points):
                 if t > begin and t < end and count < len(points):
                     points[count] = t
                     count += 1
+            count = add_layers(media, m, d[1], (max(a, begin), min(b, end)), points, count)
             if kind == SUN:
                 # The way to the sun leaves the box where the least of three linear functions says.
                 for i in range(3):

@@ -204,9 +204,9 @@ def _along(
 
 
 def veil_of(frame: Frame, cameras: Cameras, hazed: Hazed) -> Veil | None:
-    """What media put before places that the pixels of cameras see; None: nothing."""
+    """What media put before places that the pixels of cameras see; None: nothing, or nobody asks for it."""
     illumination = hazed.illumination
-    if illumination is None:
+    if hazed.layer is None or illumination is None:
         return None
     origins, directions = (rays.reshape(-1, 3) for rays in cameras.rays())
     directions = directions / directions.norm(dim=-1, keepdim=True)
