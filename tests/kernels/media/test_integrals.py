@@ -198,13 +198,18 @@ def test_thin_layers_in_a_tall_box_are_integrated_where_they_are() -> None:
 
     lights = [LightTable.of(light, table.origin, 1e-3, "inverse_square") for light in (SUN, LAMP)]
     sunny, by_lamp, by_many = (light_of(table, rays, lights[k], panels) for k, panels in ((0, 8), (1, 8), (1, 64)))
+    seen = 0
     for row in range(0, 1200, 97):
         d, end = rays.beams.direction[row].astype(float), float(rays.beams.span[row, 1])
+        if 0.8 * abs(d[1]) * end < 16.0:
+            continue  # it stays among few layers, where steps are as in any medium
+        seen += 1
         t = min(end, 60.0 / (0.8 * abs(d[1]))) * (np.arange(20000) + 0.5) / 20000
         y = d[1] * t
         before = (optical(np.zeros(1), d[1]) - optical(y, d[1])) + optical(y, -travels[1] / np.linalg.norm(travels))
         wanted = 0.3 * 1.5 / (4 * math.pi) * np.exp(-0.8 * (y + 1.0) - before).sum() * (t[1] - t[0])
         assert sunny[row] == pytest.approx(wanted, rel=1e-2)
+    assert seen > 5
     assert np.abs(by_lamp - by_many).mean() < 1e-2 * by_many.mean()
 
 
@@ -214,8 +219,8 @@ def test_pixels_between_others_look_through_thin_layers_in_a_tall_box_as_these_d
     few, every = (
         scatter((medium,), eye(32, 24), depth, lit, ScatterOptions(block=block)).scattered[..., 0] for block in (2, 1)
     )
-    assert float((few - every).abs().mean()) < 0.02 * float(every.mean())
-    assert float((few - every).abs().max()) < 0.3 * float(every.max())
+    assert float((few - every).abs().mean()) < 0.01 * float(every.mean())
+    assert float((few - every).abs().max()) < 0.08 * float(every.max())
 
 
 def test_steps_of_equal_angle_meet_quadrature() -> None:

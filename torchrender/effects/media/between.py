@@ -61,25 +61,28 @@ def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor | None, options: S
     """(H,W) what scattered light is divided by before it is interpolated.
 
     The length of the way; in a medium that falls off with height, the density at the middle of the way times that
-    (specification 09, section 4), or the density's integral where rays climb many of its layers: there the middle says
-    nothing of the way. "effective": the length of a way through as much of the medium along which nothing would be
-    lost, ``(1 - exp(-tau)) / extinction``.
+    (specification 09, section 4). "effective", and where rays climb many of its layers, so that the middle says nothing
+    of the way: the length of a way through as much of the medium along which nothing would be lost,
+    ``(1 - exp(-tau)) / extinction``.
 
     Args:
         ways: (H W,M) integrals of the densities, of "effective" and of many layers.
     """
     length = rays.length
     arrays = table.arrays
-    if options.normal == "effective" and ways is not None:
-        mean = table.extinction.mean(dim=1)
-        tau = (ways @ mean).reshape(rays.shape)
+
+    def effective(ways: Tensor) -> Tensor:
+        tau = (ways @ table.extinction.mean(dim=1)).reshape(rays.shape)
         return torch.where(length > 0, -torch.expm1(-tau), 0.0)
+
+    if options.normal == "effective" and ways is not None:
+        return effective(ways)
     if len(table) == 1 and int(arrays.kind[0]) == HEIGHT:
         direction = torch.from_numpy(rays.beams.direction)[:, 1].reshape(rays.shape)
         span = torch.from_numpy(rays.beams.span).reshape(*rays.shape, 2)
         _, falloff, ground, _ = (float(v) for v in arrays.numbers[0])
         if ways is not None and falloff * float((direction * length).abs().max()) > DEEP:
-            return ways[:, 0].reshape(rays.shape)
+            return effective(ways)
         height = direction * span.mean(dim=-1).clamp_max(1e15) - ground
         return length * torch.exp((-falloff * height).clamp(-60.0, 60.0))
     return length
