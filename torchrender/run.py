@@ -40,7 +40,7 @@ from torchrender.planning.graph import Graph
 from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
 from torchrender.planning.rows import expected_of
-from torchrender.planning.search import headroom_of
+from torchrender.planning.search import headroom
 from torchrender.planning.standing import SHARE, cost_of_rows
 from torchrender.shade import SentLight
 
@@ -180,10 +180,8 @@ class Run:
     @property
     def _spare_ms(self) -> float:
         """What sensing may take: a small share of a budget, or what the passes leave of it."""
-        budget = self.limits[0]
-        if budget is None:
-            return math.inf
-        return max(SHARE * budget, headroom_of(self.knowledge) * budget - self.foreseen_ms)
+        budget, pace = self.limits[0], self.knowledge.pace
+        return math.inf if budget is None else max(SHARE * budget, headroom(pace) * budget - self.foreseen_ms)
 
     def _over_hits(self, given: Mapping[Buffer[Any], Any], changes: Mapping[str, Any]) -> OverHits:
         """The same passes, over what rays hit."""

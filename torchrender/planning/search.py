@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from torchrender.passes.settings import Setting
-from torchrender.pipeline.pace import MISSES, TOLERANCE, Pace
-from torchrender.planning.costs import Knowledge
+from torchrender.pipeline.pace import TOLERANCE, Pace
 from torchrender.planning.problem import VALID, Problem, problems
 from torchrender.planning.question import Combination, Question
 
@@ -62,7 +61,7 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
     """
     norm = question.knowledge.curves.norm
     pool = question.once("pool", lambda: _Pool(question))
-    time_limit = np.inf if budget_ms is None else headroom_of(question.knowledge) * budget_ms - spent_ms
+    time_limit = np.inf if budget_ms is None else headroom(question.knowledge.pace) * budget_ms - spent_ms
     error_limit = np.inf if max_error is None else max_error**norm
     found, possible = None, False
     if max_error is not None or budget_ms is None:
@@ -87,28 +86,15 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
 
 def fits(question: Question, budget_ms: float | None, choice: Choice) -> bool:
     """The choice is as quick as predictions within a budget have to be."""
-    limit = np.inf if budget_ms is None else headroom_of(question.knowledge) * budget_ms
+    limit = np.inf if budget_ms is None else headroom(question.knowledge.pace) * budget_ms
     return choice.predicted_ms <= limit * (1 + ROUNDING)
 
 
-def headroom_of(knowledge: Knowledge) -> float:
-    """:func:`headroom` of what is known about a picture."""
-    return headroom(knowledge.pace, unseen=knowledge.unseen)
-
-
-def headroom(pace: Pace, *, unseen: bool = False) -> float:
+def headroom(pace: Pace) -> float:
     """Share of a budget that predictions may fill, so that 19 of 20 pictures which miss them as those before did keep
-    it within its tolerance.
-
-    Args:
-        unseen: nobody measured such pictures, so that predictions are trusted further only once ``MISSES`` pictures
-            told how far they are off.
-    """
+    it within its tolerance."""
     over = pace.late
-    if over is None:
-        return HEADROOM
-    most = HEADROOM if unseen and len(pace.misses) < MISSES else HEADROOMS[1]
-    return min(max(TOLERANCE * math.exp(-over), HEADROOMS[0]), most)
+    return HEADROOM if over is None else min(max(TOLERANCE * math.exp(-over), HEADROOMS[0]), HEADROOMS[1])
 
 
 def cost_of(question: Question, combination: Combination) -> tuple[float, float]:

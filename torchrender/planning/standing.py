@@ -21,7 +21,7 @@ from torchrender.planning.costs import Knowledge
 from torchrender.planning.foresight import Expected
 from torchrender.planning.plan import Plan, PlanRow
 from torchrender.planning.rows import expected_of, rows_of
-from torchrender.planning.search import Choice, headroom_of
+from torchrender.planning.search import Choice, headroom
 
 PICTURES = 8
 """That stand by a search at most, and half as many as were made before it: what is known of other settings changes,
@@ -142,7 +142,7 @@ def _holds(
         return not _moved(cost, search.cost) and search.possible == _kept(knowledge, wishes, cost, spent_ms)
     if begun and search.possible:
         # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance.
-        fits = spent_ms + cost[0] / headroom_of(knowledge) <= TOLERANCE * budget
+        fits = spent_ms + cost[0] / headroom(knowledge.pace) <= TOLERANCE * budget
     else:
         fits = _fits(knowledge, search, budget, spent_ms + cost[0])
     return fits and ((not begun and _is_patient(knowledge, search, budget)) or not _moved(cost, search.cost))
@@ -173,9 +173,9 @@ def _is_due(knowledge: Knowledge, last: Search, wishes: tuple[float | None, floa
         return early or last.pictures >= _searching(knowledge) / (SHARE * max(needed_ms, LEAST_MS))
     if bound is not None:
         return True
-    if last.possible and needed_ms + knowledge.pace.search_ms <= headroom_of(knowledge) * budget:
+    if last.possible and needed_ms + knowledge.pace.search_ms <= headroom(knowledge.pace) * budget:
         return True
-    filled = last.possible and needed_ms >= FILLED * headroom_of(knowledge) * budget
+    filled = last.possible and needed_ms >= FILLED * headroom(knowledge.pace) * budget
     return (early or last.pictures >= PICTURES) and not filled
 
 
@@ -194,8 +194,8 @@ def _searching(knowledge: Knowledge) -> float:
 def _fits(knowledge: Knowledge, last: Search, budget: float, needed_ms: float) -> bool:
     """The choice still fits a budget; one that did not fit does not fit better with the time of another search."""
     if last.possible:
-        return needed_ms <= FULL * headroom_of(knowledge) * budget
-    return needed_ms + knowledge.pace.search_ms > headroom_of(knowledge) * budget
+        return needed_ms <= FULL * headroom(knowledge.pace) * budget
+    return needed_ms + knowledge.pace.search_ms > headroom(knowledge.pace) * budget
 
 
 def _moved(cost: Cost, before: Cost) -> bool:
@@ -206,5 +206,5 @@ def _moved(cost: Cost, before: Cost) -> bool:
 def _kept(knowledge: Knowledge, wishes: tuple[float | None, float | None], cost: Cost, spent_ms: float) -> bool:
     """What was wished for is kept; bounds that nothing surely keeps are those of the error alone."""
     budget, bound = wishes
-    in_time = budget is None or spent_ms + cost[0] <= headroom_of(knowledge) * budget
+    in_time = budget is None or spent_ms + cost[0] <= headroom(knowledge.pace) * budget
     return in_time and (bound is None or cost[1] <= bound)

@@ -11,7 +11,7 @@ PAGE = "tests/browser/test_page.py tests/browser/test_moving.py tests/browser/te
 
 FAULTS: tuple[Fault, ...] = (
     *faults("planner", P + "planning/search.py", "tests/planning tests/test_renderer.py",
-        ("else headroom_of(question.knowledge) * budget_ms - spent_ms", "else headroom_of(question.knowledge) * budget_ms - 2.0 * spent_ms"),
+        ("else headroom(question.knowledge.pace) * budget_ms - spent_ms", "else headroom(question.knowledge.pace) * budget_ms - 2.0 * spent_ms"),
         ("predicted_ms=found.cost[0] + spent_ms", "predicted_ms=found.cost[0]"),
         ("possible = found is not None and max_error is None", "possible = found is not None"),
         ("if entry[1] < lowest.get(entry[2], np.inf):", "if entry[1] < lowest.get(0, np.inf):"),
@@ -41,7 +41,7 @@ FAULTS: tuple[Fault, ...] = (
         ("EXPECTED_MISSES[len(self.misses) :]))[-2]", "EXPECTED_MISSES[len(self.misses) :]))[-1]"),
     ),
     *faults("planner", P + "run.py", "tests/planning",
-        ("max(SHARE * budget, headroom_of(self.knowledge) * budget - self.foreseen_ms)", "SHARE * budget"),
+        ("max(SHARE * budget, headroom(pace) * budget - self.foreseen_ms)", "SHARE * budget"),
         ("return abs(off) > OFF * self.limits[0]", "return True"),
         ("if self.searches and self.searches[0].pictures:", "if False:"),
     ),
@@ -59,7 +59,7 @@ FAULTS: tuple[Fault, ...] = (
     *faults("planner", P + "planning/standing.py", "tests/planning",
         ("if before is None and search is last and _is_due(", "if False and _is_due("),
         ("last.pictures < min(PICTURES, _searching(knowledge) / (SHARE * budget))", "last.pictures < PICTURES"),
-        ("if last.possible and needed_ms + knowledge.pace.search_ms <= headroom_of(knowledge) * budget:", "if False:"),
+        ("if last.possible and needed_ms + knowledge.pace.search_ms <= headroom(knowledge.pace) * budget:", "if False:"),
         ("last.pictures >= PICTURES) and not filled", "last.pictures >= PICTURES)"),
         ("not search.is_of(wishes, knowledge.outlook.options)", "False"),
         ("last.earlier if back and last is not None else None", "None"),
