@@ -12,8 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(page for page in (ROOT / "docs" / "results").glob("*.md") if page.stem != "index")
-OF_THEN = {"points", "time-limits"}
-"""Pages measured with changes that no commit holds, to be measured again. None may be added."""
+OF_THEN: frozenset[str] = frozenset()
+"""Pages measured with changes that no commit holds, to be measured again: none, and none may be added."""
 
 
 @pytest.fixture
