@@ -57,7 +57,7 @@ class Guard:
 NOWHERE = Guard(0.0, 0.0, 0.0)
 
 
-def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor | None, options: ScatterOptions) -> Tensor:
+def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor, options: ScatterOptions) -> Tensor:
     """(H,W) what scattered light is divided by before it is interpolated.
 
     The length of the way; in a medium that falls off with height, the density at the middle of the way times that
@@ -66,23 +66,23 @@ def normaliser(rays: EyeRays, table: MediaTable, ways: Tensor | None, options: S
     ``(1 - exp(-tau)) / extinction``.
 
     Args:
-        ways: (H W,M) integrals of the densities, of "effective" and of many layers.
+        ways: (H W,M) integrals of the densities.
     """
     length = rays.length
     arrays = table.arrays
 
-    def effective(ways: Tensor) -> Tensor:
+    def effective() -> Tensor:
         tau = (ways @ table.extinction.mean(dim=1)).reshape(rays.shape)
         return torch.where(length > 0, -torch.expm1(-tau), 0.0)
 
-    if options.normal == "effective" and ways is not None:
-        return effective(ways)
+    if options.normal == "effective":
+        return effective()
     if len(table) == 1 and int(arrays.kind[0]) == HEIGHT:
         direction = torch.from_numpy(rays.beams.direction)[:, 1].reshape(rays.shape)
         span = torch.from_numpy(rays.beams.span).reshape(*rays.shape, 2)
         _, falloff, ground, _ = (float(v) for v in arrays.numbers[0])
-        if ways is not None and falloff * float((direction * length).abs().max()) > DEEP:
-            return effective(ways)
+        if falloff * float((direction * length).abs().max()) > DEEP:
+            return effective()
         height = direction * span.mean(dim=-1).clamp_max(1e15) - ground
         return length * torch.exp((-falloff * height).clamp(-60.0, 60.0))
     return length

@@ -20,7 +20,7 @@ LEVEL = f4(3e-7)
 MOST_BENT = f4(0.5)
 """Cosine between the interpolated normal and the triangle's, down to which it is that of a smooth surface: below, the
 triangle's own plane counts."""
-ZERO, HALF, ONE, TWO, THREE, TINY = f4(0), f4(0.5), f4(1), f4(2), f4(3), f4(1e-36)
+ZERO, HALF, ONE, TWO, TINY = f4(0), f4(0.5), f4(1), f4(2), f4(1e-36)
 PI, HALF_PI, INV_PI = f4(math.pi), f4(math.pi / 2), f4(1 / math.pi)
 ATAN = tuple(map(f4, (0.999999901, -0.3333199067, 0.1996972268, -0.1401947354, 0.09914271676, -0.05948608176,
                       0.02425217598, -0.004693210971)))  # fmt: skip

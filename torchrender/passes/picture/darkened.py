@@ -42,8 +42,15 @@ def darkened(frame: Frame, samples: GBuffer | RaySurface, *, mirrors: bool) -> S
         if left is not None:
             own = left[..., c % left.shape[-1]]
             reach = AmbientReach(own) if around is None else replace(around, visibility=around.visibility * own)
-        ways = {"background": options.background, "area_light": options.area_light, "around": reach}
-        return sent_light(scene, samples, arriving, mirrors=mirrors, **ways)  # type: ignore[arg-type]
+        return sent_light(
+            scene,
+            samples,
+            arriving,
+            background=options.background,
+            area_light=options.area_light,
+            around=reach,
+            mirrors=mirrors,
+        )
 
     def of_colors(images: list[Tensor]) -> Tensor:
         return images[0] if colors == 1 else torch.stack([image[..., c] for c, image in enumerate(images)], dim=-1)
