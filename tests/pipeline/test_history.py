@@ -10,7 +10,7 @@ import torch
 from reuse_scenes import rectangle
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.shadows.shadow_map import ShadowOptions
-from torchrender.errors import InputError
+from torchrender.errors import ExposureWarning, InputError
 from torchrender.image import Image
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
@@ -276,3 +276,45 @@ def test_other_triangles_take_the_pace_away_and_another_lamp_does_not() -> None:
     lamp = PointLight(position=torch.tensor([1.0, 0.0, 2.0]), intensity=torch.ones(3))
     assert began.of_scene(scene.replace(lights=(lamp,))).pace is began.pace
     assert began.of_scene(scene.replace(meshes=scene.meshes[:1])).pace is None
+
+
+def test_what_no_light_depends_on_is_of_the_scene_that_came() -> None:
+    """Name, cameras and unit of light are those of this picture's scene, and what was made is still kept."""
+    scene = mirror_room()
+    history = started(scene)
+    other = scene.replace(name="other", cameras={"there": camera()}, photometric=True)
+    with pytest.warns(ExposureWarning, match="other"):
+        image = following(other, history)
+    assert image.scene.name == "other" and list(image.scene.cameras) == ["there"] and image.exposure is None
+    assert following(scene, history).exposure is not None
+    assert image.history is not None and image.history.get(HIT_SHADER) is history.get(HIT_SHADER) is not None
+    assert "geometry" in vars(image.history.scene) and image.history.scene.geometry is history.scene.geometry  # type: ignore[union-attr]
+
+
+def test_light_of_photos_is_hidden_no_more() -> None:
+    """``photo_light`` takes ambient visibility away, in the middle of a sequence as well."""
+    scene = mirror_room().replace(ambient=torch.ones(3))
+    history = started(scene)
+    photo = scene.replace(photo_light=True)
+    found, alone = following(photo, history), render(photo, camera(0.33), options=TRACED)
+    assert float((found.radiance - following(scene, history).radiance).abs().max()) > 0.01
+    torch.testing.assert_close(found.radiance, alone.radiance)
+
+
+@pytest.mark.parametrize("change", ["material", "colors"])
+def test_mirrors_show_the_new_look_of_a_mesh(change: str) -> None:
+    """No light moves and nothing hides any, but what the mirror shows has another colour."""
+    scene = replace(mirror_room(), lights=())
+    scene = scene.replace(materials=(*scene.materials, Material(diffuse=torch.tensor([0.1, 0.8, 0.1]))))
+    options = replace(TRACED, ambient_visibility="off")
+    wall = scene.meshes[1]
+    changed = {
+        "material": replace(wall, material=2),
+        "colors": replace(wall, colors=torch.full((len(wall.vertices), 3), 0.1)),
+    }[change]
+    history = started(scene, options)
+    for edited in (scene.replace(meshes=(scene.meshes[0], changed)), scene.with_meshes([scene.meshes[0], changed])):
+        found, alone = (render(edited, camera(), options=options, history=h) for h in (history, None))
+        torch.testing.assert_close(found.radiance, alone.radiance, rtol=0, atol=1e-5)
+        before = render(scene, camera(), options=options)
+        assert float((alone.radiance - before.radiance).abs().mean()) > 0.02

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 
 import pytest
 import torch
@@ -13,6 +14,7 @@ from torchrender.raster import rasterize
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
+from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh, concatenate
 from torchrender.scene.model import Scene
 
@@ -186,3 +188,35 @@ def test_moved_vertices_that_ask_for_a_gradient_are_gathered(scene) -> None:
     moved = scene.with_meshes([ball.with_vertices(asking), *scene.meshes[1:]])
     assert not moved.geometry.vertices.requires_grad
     torch.testing.assert_close(moved.geometry.vertices[: len(asking)], asking.detach().double())
+
+
+@pytest.mark.parametrize("change", ["material", "colors", "uv", "uv1", "alpha", "object_id"])
+def test_what_else_than_places_of_vertices_changes_shows(change: str) -> None:
+    ball = replace(shapes.sphere(0.5, 12), name="ball")
+    scene = Scene(meshes=(ball, replace(shapes.box(torch.ones(3)), name="box")), materials=(Material(), Material()))
+    rows = len(ball.vertices)
+    values = {
+        "material": 1,
+        "colors": torch.rand(rows, 3),
+        "uv": torch.rand(rows, 2),
+        "uv1": torch.rand(rows, 2),
+        "alpha": torch.rand(rows),
+        "object_id": 7,
+    }
+    assert scene.geometry.triangle_count
+    changed = [replace(ball, **{change: values[change]}), scene.meshes[1]]
+    found, wanted = scene.with_meshes(changed).geometry, Scene(meshes=changed, materials=scene.materials).geometry
+    for name in ("material", "colors", "uv", "uv1", "alpha", "object_id"):
+        first, second = getattr(found, name), getattr(wanted, name)
+        assert (first is None and second is None) or torch.equal(first, second), name
+
+
+def test_meshes_come_and_go(scene) -> None:
+    assert scene.geometry.triangle_count
+    count = sum(len(mesh.faces) for mesh in scene.meshes)
+    more = scene.with_meshes([*scene.meshes, replace(scene.mesh("ball"), name="second")])
+    assert more.geometry.triangle_count == count + len(scene.mesh("ball").faces)
+    assert scene.with_meshes(scene.meshes[:1]).geometry.triangle_count == len(scene.meshes[0].faces)
+    ball = scene.mesh("ball")
+    longer = replace(ball, vertices=torch.cat([ball.vertices, ball.vertices[:1]]), normals=None, uv=None)
+    assert len(scene.with_meshes([longer, *scene.meshes[1:]]).geometry.vertices) == len(scene.geometry.vertices) + 1

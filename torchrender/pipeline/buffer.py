@@ -105,4 +105,4 @@ def lights_of(scene: Scene) -> tuple[Any, ...]:
 
 def look_of(scene: Scene) -> tuple[Any, ...]:
     """What the light that leaves surfaces depends on: everything but the cameras."""
-    return (*lights_of(scene), scene.materials, scene.media, scene.environment, scene.ambient)
+    return (*lights_of(scene), scene.materials, scene.media, scene.environment, scene.ambient, scene.photo_light)

@@ -77,7 +77,7 @@ class RenderHistory:
     def of_scene(self, scene: Scene) -> RenderHistory:
         """This history before a picture of ``scene``: with the scene as it will be rendered."""
         if self.given is not None and self.scene is not None and same(look_of(self.given), look_of(scene)):
-            return self
+            return self if self.given is scene else replace(self, given=scene, scene=_named_as(self.scene, scene))
         stands = self.given is None or same(triangles_of(self.given), triangles_of(scene))
         lit = scene.with_default_light().with_sun_apart()
         return replace(self, given=scene, scene=lit, pace=self.pace if stands else None)
@@ -119,3 +119,17 @@ class RenderHistory:
         """Without what belongs to one sequence: for another one of the same scene."""
         kept = {n: one for n, one in self.kept.items() if one.buffer.lasting is not None and one.buffer.lasting.shared}
         return replace(self, kept=kept)
+
+
+_UNSEEN = ("name", "cameras", "motions", "photometric", "report")
+"""What of a scene no light of a surface depends on."""
+
+
+def _named_as(lit: Scene, scene: Scene) -> Scene:
+    """A scene as it is rendered, with what of another one of the same look does not show in its light."""
+    values = {name: getattr(scene, name) for name in _UNSEEN}
+    if all(getattr(lit, name) is value for name, value in values.items()):
+        return lit
+    named = replace(lit, **values)
+    named.__dict__.update({name: value for name, value in lit.__dict__.items() if name not in named.__dict__})
+    return named

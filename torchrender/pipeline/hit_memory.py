@@ -1,7 +1,7 @@
 """Light of what rays hit, over the pictures of a sequence in which something moves.
 
-The same ray that meets the same place brings the same light, unless something that moved was or is on the way from that
-place to a light, or near enough to hide light from everywhere.
+The same ray that meets the same place brings the same light, unless that place belongs to what moved or looks otherwise
+now, or something that moved was or is on the way from there to a light, or near enough to hide light from everywhere.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from torch import Tensor
 
 from torchrender.buffers import RayHits
 from torchrender.effects.reflections.reflectors import ReflectedRays
-from torchrender.pipeline.standing import Swept
+from torchrender.pipeline.standing import Swept, is_still
 from torchrender.scene.model import Scene
 
 MOST = 1 << 18
@@ -27,6 +27,7 @@ class Remembered:
 
     key: Tensor  # (N,) int64
     position: Tensor  # (N,3) float64
+    triangle: Tensor  # (N,) int64
     radiance: Tensor  # (N,3)
 
 
@@ -50,15 +51,17 @@ class HitMemory:
         parts = list(self.added)
         if not parts:
             return HitMemory()
-        key, position, radiance = (torch.cat([getattr(p, n) for p in parts]) for n in ("key", "position", "radiance"))
+        names = ("key", "position", "triangle", "radiance")
+        key, position, triangle, radiance = (torch.cat([getattr(p, n) for p in parts]) for n in names)
         holds = moved.misses(position, scene.lights, scene.diagonal, hard=True).all(1)
+        holds &= is_still(scene, triangle, moved.meshes)
         if reach >= 0 and before.diagonal == scene.diagonal:
             holds &= moved.beyond(position, reach)
         elif reach >= 0:
             holds[:] = False
         rows = holds.nonzero().reshape(-1)[:MOST]
         order = rows[key[rows].argsort()]
-        return HitMemory(Remembered(key[order], position[order], radiance[order]))
+        return HitMemory(Remembered(key[order], position[order], triangle[order], radiance[order]))
 
     def find(self, key: Tensor) -> tuple[Tensor, Tensor]:
         """Rows of keys (N,) that are known, and their radiance."""
@@ -68,11 +71,11 @@ class HitMemory:
         rows = (self.known.key[place] == key).nonzero().reshape(-1)
         return rows, self.known.radiance[place[rows]]
 
-    def add(self, key: Tensor, position: Tensor, radiance: Tensor) -> None:
+    def add(self, key: Tensor, position: Tensor, triangle: Tensor, radiance: Tensor) -> None:
         """Remember these; nothing once there are too many."""
         if self.count < MOST and not radiance.requires_grad:
             self.count += len(key)
-            self.added.append(Remembered(key, position, radiance))
+            self.added.append(Remembered(key, position, triangle, radiance))
 
 
 def keys_of(rays: ReflectedRays, hits: RayHits, rows: Tensor) -> Tensor:

@@ -115,7 +115,7 @@ class HitShader:
             new[rest[mirrors]] = False  # what these show changes with other places
             known = new.nonzero().reshape(-1)
         place = rays.origin[rows[known]] + hits.t[rows[known], None] * rays.direction[rows[known]]
-        memory.add(key[known], place, found[known])
+        memory.add(key[known], place, hits.triangle[rows[known]].long(), found[known])
         return found
 
     def _shaded(self, rays: ReflectedRays, hits: RayHits, rows: Tensor, onward: Onward | None) -> tuple[Tensor, Tensor]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from numbers import Real
 from typing import NamedTuple
 
@@ -103,8 +103,17 @@ def _attached(motion: Motion, worlds: Array, lights: list[Light], cameras: dict[
             cameras[name] = camera_at(camera, worlds[node])
 
 
+def _merely_moved(was: Mesh, now: Mesh) -> bool:
+    kept = (one.name for one in fields(Mesh) if one.name not in ("vertices", "normals", "tangents", "name"))
+    pairs = [(getattr(was, name), getattr(now, name)) for name in kept]
+    same = all(a is b or (type(a) is type(b) is int and a == b) for a, b in pairs)
+    return same and len(was.vertices) == len(now.vertices)
+
+
 def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh]) -> Geometry | None:
     """The geometry of ``after`` where only vertices, normals and tangents differ; None where more does."""
+    if len(before) != len(after):
+        return None
     vertices = old.vertices.clone()
     normals = None if old.normals is None else old.normals.clone()
     tangents = None if old.tangents is None else old.tangents.clone()
@@ -112,7 +121,7 @@ def moved_geometry(old: Geometry, before: Sequence[Mesh], after: Sequence[Mesh])
     for was, now in zip(before, after, strict=True):
         end = start + len(was.vertices)
         if was is not now:
-            if now.faces is not was.faces:
+            if not _merely_moved(was, now):
                 return None
             vertices[start:end] = now.vertices.detach()
             for whole, part in ((normals, now.normals), (tangents, now.tangents)):
