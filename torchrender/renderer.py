@@ -143,7 +143,7 @@ def _looked(knowledge: Knowledge, history: RenderHistory | None, clock: StepCloc
         found = replace(found.shared(), sequence=False)
     sensed = {} if found.pace is None else found.pace.known
     return Knowledge.of(
-        scene, cameras, options, replace(found, pace=replace(past.pace or Pace(), known=sensed)), curves
+        scene, cameras, options, replace(found, pace=replace(past.pace or Pace(), known=sensed, search=None)), curves
     )
 
 

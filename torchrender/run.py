@@ -293,7 +293,7 @@ class Run:
         own = {**pace.hurried(took, told), **self._beside(), **self._unpriced(plan)}
         learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
         pace = replace(self._missed(pace), choice=settings, known=learned, search=self._search(plan))
-        past = known.outlook.history.with_picture(self.lasting.items(), plan.options)
+        past = known.outlook.history.with_picture(self.lasting.items(), plan.options, known.outlook.cameras)
         return replace(past, pace=pace)
 
 

@@ -9,11 +9,14 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.passes.light.hidden_light import DISTANCES, SIDE, depth_visibility
-from torchrender.passes.senses import roughly
+from torchrender.effects.ambient.traced import traced_ambient
+from torchrender.passes.light.hidden_light import DISTANCES, SIDE, depth_visibility, eye_visibility
+from torchrender.passes.senses import few, roughly
 from torchrender.pipeline.history import RenderHistory
 from torchrender.planning.costs import sense_of
+from torchrender.quality.metrics import flip
 from torchrender.raster import rasterize
+from torchrender.rays import RayCaster
 from torchrender.renderer import NO_LIMIT
 
 
@@ -70,3 +73,83 @@ def test_nothing_is_hidden_in_the_open() -> None:
     seen = rasterize(scene, scene.camera(width=24, height=20))
     assert float(depth_visibility(seen, 1e-9).min()) == 1.0
     assert float(depth_visibility(replace(seen, normal=-seen.normal), math.inf).max()) <= 1.0
+
+
+def room(*others: tr.Mesh) -> tr.Scene:
+    """A closed one on open ground, under a bright sky."""
+    walls = tr.Mesh.box([4.0, 3.0, 4.0], [0.0, 1.5, 0.0], name="room")
+    table = tr.Mesh.box([0.8, 0.8, 0.8], [0.8, 0.4, -0.8], name="table", material=1)
+    ground = tr.Mesh.plane(30.0, name="ground", material=1)
+    paints = [tr.Material(diffuse=[0.8, 0.8, 0.75]), tr.Material(diffuse=[0.5, 0.35, 0.2])]
+    sky = tr.Environment.constant([0.5, 0.55, 0.6])
+    return tr.Scene(meshes=(walls, table, ground, *others), materials=paints, environment=sky)
+
+
+def inside(turn: float = 0.0) -> tr.Cameras:
+    toward = [math.cos(turn), 1.4, math.sin(turn)]
+    return tr.Cameras.look_at([0.0, 1.5, 0.0], toward, width=96, height=72, fov_deg=60)
+
+
+def outside() -> tr.Cameras:
+    return tr.Cameras.look_at([9.0, 4.0, 3.0], [0.0, 1.5, 0.0], width=96, height=72, fov_deg=60)
+
+
+def test_the_eye_sees_whether_there_is_a_sky() -> None:
+    """None in a closed room; on open ground all of it over the ground, and about what rays find in a yard."""
+    seen = rasterize(room(), inside())
+    assert float(eye_visibility(room(), seen, math.inf)[seen_few(seen)].max()) < 0.02  # type: ignore[index]
+    plane = tr.Scene(meshes=(tr.Mesh.plane(30.0),))
+    seen = rasterize(plane, tr.Cameras.look_at([0.0, 2.0, 0.0], [3.0, 0.0, 0.0], width=40, height=30))
+    assert float(eye_visibility(plane, seen, math.inf).min()) > 0.98  # type: ignore[union-attr]
+    sides = [tr.Mesh.box([0.2, 3.0, 6.0], [x, 1.5, 0.0]) for x in (-2.0, 2.0)]
+    yard = tr.Scene(meshes=(tr.Mesh.plane(30.0), *sides))
+    seen = rasterize(yard, tr.Cameras.look_at([0.0, 1.0, 0.0], [0.0, 0.0, 2.0], width=32, height=32))
+    rays = traced_ambient(RayCaster(yard.geometry), seen, rays=64, reach=1.0, share=False, spacing=1, far=True)
+    found = eye_visibility(yard, seen, math.inf)
+    assert found is not None and 0.3 < float(rays.sky[seen.covered].mean()) < 0.8
+    assert float(found[seen.covered].mean()) == pytest.approx(float(rays.sky[seen.covered].mean()), rel=0.25)
+
+
+def seen_few(seen: tr.GBuffer) -> torch.Tensor:
+    return few(seen.covered, SIDE)
+
+
+def test_who_does_not_look_around() -> None:
+    scene, eye = room(), inside()
+    seen = rasterize(scene, eye)
+    assert eye_visibility(scene, seen, 0.0) is None
+    five = rasterize(scene, eye[[0] * 5])
+    assert eye_visibility(scene, five, math.inf) is None
+    flat = tr.Cameras.look_at([0.0, 1.5, 0.0], [1.0, 1.5, 0.0], width=8, height=8, orthographic=True)
+    assert eye_visibility(scene, rasterize(scene, flat), math.inf) is None
+
+
+def flip_of(image: tr.Image, scene: tr.Scene) -> float:
+    exact = tr.RenderOptions(ambient_visibility="traced", point_shadows="traced", supersample=2)
+    return float(flip(image.displayed(), tr.render(scene, image.cameras, options=exact).displayed())[0])
+
+
+@pytest.mark.parametrize("bound", [0.05, 0.1])
+def test_a_bound_holds_where_no_light_from_everywhere_arrives(bound: float) -> None:
+    """Black is right, and was taken for a room in which nothing depends on what hides the sky."""
+    scene = room()
+    assert flip_of(tr.render(scene, inside(), max_error=bound), scene) <= bound
+
+
+def test_what_an_eye_senses_outside_says_nothing_inside() -> None:
+    scene, history = room(), RenderHistory()
+    for view in (outside(), outside(), inside(), inside(0.05), inside(0.1)):
+        image = tr.render(scene, view, max_error=0.1, history=history)
+        history = image.history
+        assert flip_of(image, scene) <= 0.1
+
+
+def test_what_a_budget_leaves_out_comes_back_inside() -> None:
+    """The first picture inside stands by the choice outside; what it sees is what the next ones go by."""
+    scene, history = room(), RenderHistory()
+    off = tr.RenderOptions(ambient_visibility="off", fixed=("ambient_visibility",))
+    known = []
+    for view in (outside(), inside(), inside(0.05)):
+        history = tr.render(scene, view, options=off, budget_ms=NO_LIMIT, history=history).history
+        known.append(history.pace.known[sense_of(roughly("ambient_visibility"))])
+    assert known[1] > 5 * max(known[0], 0.01) and known[2] > 0.2

@@ -318,3 +318,18 @@ def test_mirrors_show_the_new_look_of_a_mesh(change: str) -> None:
         torch.testing.assert_close(found.radiance, alone.radiance, rtol=0, atol=1e-5)
         before = render(scene, camera(), options=options)
         assert float((alone.radiance - before.radiance).abs().mean()) > 0.02
+
+
+def test_the_pace_of_meshes_that_move_is_kept() -> None:
+    """An animation is one sequence: what its pictures took tells the next one's times."""
+    scene = mirror_room()
+    began = replace(RenderHistory().of_scene(scene), pace=Pace().learned("gbuffer", "1", 20.0, 10.0))
+    assert began.of_scene(moved(scene)).pace is began.pace
+    assert began.of_scene(scene.replace(meshes=scene.meshes[::-1])).pace is None
+
+
+def test_views_leap_or_follow() -> None:
+    history = started(mirror_room())
+    assert not RenderHistory().leaps_to(camera()) and not history.leaps_to(camera(0.6))
+    turned = Cameras.look_at([0.3, 0.1, 3.0], [2.5, 0.0, 1.0], width=48, height=48, fov_deg=50.0)
+    assert history.leaps_to(camera(4.0)) and history.leaps_to(turned) and history.leaps_to(camera()[[0, 0]])

@@ -499,3 +499,14 @@ def test_time_waited_for_a_processor_is_told() -> None:
         after = ProcessorTimes.now()
         assert before is not None and after is not None
         assert after.ran > before.ran and 0.0 <= after.share(before) <= 1.0
+
+
+def test_what_ran_before_a_look_left_it_out_is_told(washroom: Scene) -> None:
+    known = Knowledge.of(washroom, view(washroom), RenderOptions(reflections="off"), None, load_curves())
+    plan = make_plan(known, known.outlook.options)
+    row = plan.row("reflective_pixel")
+    assert not row.runs
+    told = plan.measured({"reflective_pixel": 7.0}, {}, 20.0).row("reflective_pixel")
+    assert told.runs and told.measured_ms == 7.0
+    assert told.reason == f"it ran before this was known: {row.reason}"
+    assert plan.measured({}, {}, 20.0).row("reflective_pixel") == row

@@ -64,6 +64,11 @@ def roughly(name: str) -> str:
     return f"{name}, roughly"
 
 
+def beside(name: str) -> str:
+    """What is sensed roughly in the very picture in which the pass itself sensed: what comes later is told by that."""
+    return f"{name}, roughly, beside it"
+
+
 def few(image: Tensor, side: int = SIDE) -> Tensor:
     """Pixels (B,h,w,...) at equal distances, up to ``side`` along each side, of an image (B,H,W,...)."""
     rows, columns = (max(1, -(-n // side)) for n in image.shape[1:3])

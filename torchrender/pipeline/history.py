@@ -6,18 +6,24 @@ kept in the package itself: ``render(scene, camera, history=...)`` takes a histo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from torchrender.brief import brief
-from torchrender.pipeline.buffer import Buffer, look_of, same, triangles_of
+from torchrender.pipeline.buffer import Buffer, look_of, same
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
+from torchrender.pipeline.standing import same_faces
+from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 T = TypeVar("T")
+
+LEAP, LEAP_DEG = 0.1, 30.0
+"""Of the scene's diagonal, and degrees, by which an eye moves and turns to see something else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +71,7 @@ class RenderHistory:
     pace: Pace | None = None  # what the pictures so far took, beside what was predicted
     pictures: int = 0  # made so far
     drawn: tuple[Mesh, ...] | None = None  # what the last picture showed
+    seen_from: Cameras | None = None  # by these
     sequence: bool = True  # what belongs to one sequence is used again, too
 
     __repr__ = brief
@@ -78,7 +85,7 @@ class RenderHistory:
         """This history before a picture of ``scene``: with the scene as it will be rendered."""
         if self.given is not None and self.scene is not None and same(look_of(self.given), look_of(scene)):
             return self if self.given is scene else replace(self, given=scene, scene=_named_as(self.scene, scene))
-        stands = self.given is None or same(triangles_of(self.given), triangles_of(scene))
+        stands = self.given is None or same_faces(self.given.meshes, scene.meshes)
         lit = scene.with_default_light().with_sun_apart()
         return replace(self, given=scene, scene=lit, pace=self.pace if stands else None)
 
@@ -104,8 +111,20 @@ class RenderHistory:
         kept = self.kept.get(buffer.name)
         return buffer.checked(kept.value) if kept is not None and kept.picture == self.pictures else None
 
-    def with_picture(self, made: Iterable[tuple[Buffer[Any], Any]], options: RenderOptions) -> RenderHistory:
-        """After a picture that made these."""
+    def leaps_to(self, cameras: Cameras) -> bool:
+        """The view has little to do with that of the last picture: what was sensed there says little here."""
+        last, scene = self.seen_from, self.scene
+        if last is None or scene is None:
+            return False
+        if len(last) != len(cameras):
+            return True
+        turned = (last.forward * cameras.forward).sum(dim=-1) < math.cos(math.radians(LEAP_DEG))
+        return bool((turned | ((last.eye - cameras.eye).norm(dim=-1) > LEAP * scene.diagonal)).any())
+
+    def with_picture(
+        self, made: Iterable[tuple[Buffer[Any], Any]], options: RenderOptions, cameras: Cameras | None = None
+    ) -> RenderHistory:
+        """After a picture, by these cameras, that made these."""
         assert self.given is not None
         number = self.pictures + 1
         kept = {name: one for name, one in self.kept.items() if one.holds(self.given)}
@@ -113,7 +132,7 @@ class RenderHistory:
             if buffer.lasting is not None:
                 origin = buffer.lasting.scene(self.given), buffer.lasting.options(options)
                 kept[buffer.name] = Kept(buffer, value, *origin, options, number)
-        return replace(self, kept=kept, pictures=number, drawn=self.given.meshes)
+        return replace(self, kept=kept, pictures=number, drawn=self.given.meshes, seen_from=cameras)
 
     def shared(self) -> RenderHistory:
         """Without what belongs to one sequence: for another one of the same scene."""

@@ -45,9 +45,14 @@ class Swept:
         return apart.square().sum(-1) > reach**2
 
 
+def same_faces(before: Sequence[Mesh], after: Sequence[Mesh]) -> bool:
+    """The same meshes, at other places at most."""
+    return len(before) == len(after) and all(a.faces is b.faces for a, b in zip(before, after, strict=True))
+
+
 def swept(before: Sequence[Mesh], after: Sequence[Mesh]) -> Swept | None:
     """What moved; None where meshes came, went or changed otherwise."""
-    if len(before) != len(after) or any(a.faces is not b.faces for a, b in zip(before, after, strict=True)):
+    if not same_faces(before, after):
         return None
     moved = [n for n, (a, b) in enumerate(zip(before, after, strict=True)) if a is not b]
     places = [m[n].vertices.detach().double() for n in moved for m in (before, after) if len(m[n].vertices)]

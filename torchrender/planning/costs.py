@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.outlook import Outlook
-from torchrender.passes.senses import closely, roughly
+from torchrender.passes.senses import beside, closely, roughly
 from torchrender.passes.table import PASSES, PICTURE, table_of
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -91,9 +92,12 @@ class Knowledge:
 
     @property
     def blind(self) -> bool:
-        """The picture is like none of those that were measured, and no other one of its scene told what its errors
-        follow."""
-        return self.unseen and not any(name.startswith(SENSE) for name in self.pace.known)
+        """The picture is like none of those that were measured, and none of its scene, from about there, told what its
+        errors follow."""
+        if not self.unseen:
+            return False
+        told = any(name.startswith(SENSE) for name in self.pace.known)
+        return not told or self.outlook.history.leaps_to(self.outlook.cameras)
 
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> Expected:
         """Error of a setting; where settings are compared in a context of their own, beyond the best of them.
@@ -118,9 +122,21 @@ class Knowledge:
 
     def _error(self, step: Pass, setting: str) -> Expected:
         known = self.pace.known
-        probed = known.get(sense_of(closely(step.name)))
-        sensed = known.get(sense_of(step.name), known.get(sense_of(roughly(step.name))))
-        return self.curves.error(step.name, setting, None if self.unseen else self.name, sensed, probed)
+        probed, sensed = known.get(sense_of(closely(step.name))), _sensed(known, step.name)
+        scene = None if self.unseen else self.name
+        found = self.curves.error(step.name, setting, scene, sensed, probed)
+        if probed is None or setting != step.off:
+            return found
+        # Where a probe finds nothing uncertain, leaving all of it out may still change everything.
+        return max(found, self.curves.error(step.name, setting, scene, sensed), key=lambda one: one.error)
+
+
+def _sensed(known: Mapping[str, float], name: str) -> float | None:
+    """What a pass senses; where later pictures left it out, as much more as is roughly seen to have come since."""
+    own, rough = known.get(sense_of(name)), known.get(sense_of(roughly(name)))
+    if own is None or rough is None:
+        return rough if own is None else own
+    return own + max(rough - known.get(sense_of(beside(name)), rough), 0.0)
 
 
 def sense_of(name: str) -> str:

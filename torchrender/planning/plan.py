@@ -99,10 +99,13 @@ class Plan:
         waited: float = 0.0,
     ) -> Plan:
         """The plan with what its passes took, for how much work, and with which share of waiting for a processor."""
-        rows = tuple(
-            replace(row, measured_ms=times_ms.get(row.name), amounts=amounts.get(row.name)) for row in self.rows
-        )
-        return replace(self, rows=rows, measured_ms=total_ms, note=self._busy(total_ms, waited))
+        rows: list[PlanRow] = []
+        for row in self.rows:
+            done = replace(row, measured_ms=times_ms.get(row.name), amounts=amounts.get(row.name))
+            if done.measured_ms is not None and not row.runs:  # a plan made later in the picture has no use for it
+                done = replace(done, runs=True, reason=f"it ran before this was known: {row.reason}")
+            rows.append(done)
+        return replace(self, rows=tuple(rows), measured_ms=total_ms, note=self._busy(total_ms, waited))
 
     def _busy(self, total_ms: float, waited: float) -> str:
         slow = self.predicted_ms is not None and total_ms > SLOW * self.predicted_ms

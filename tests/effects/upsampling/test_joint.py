@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -189,3 +190,34 @@ def test_means_stay_between_the_colours_whatever_the_depths(few: list[float], ma
     made = upscaled(colors, seen(torch.tensor(few).reshape(2, 2)), seen(torch.tensor(many).reshape(3, 4)))
     low, high = colors.amin(dim=(0, 1)), colors.amax(dim=(0, 1))
     assert bool(((made >= low * (1 - 1e-5)) & (made <= high * (1 + 1e-5))).all())
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**31), st.integers(1, 9), st.integers(1, 9), st.integers(1, 21), st.integers(1, 21))
+def test_gradients_go_back_with_the_same_weights(seed: int, h: int, w: int, height: int, width: int) -> None:
+    """The scaling is linear: <S x, g> = <x, S' g>, also at borders and where sixteen pixels count."""
+    chance = torch.Generator().manual_seed(seed)
+
+    def random(*shape: int) -> Tensor:
+        return torch.rand(shape, generator=chance)
+
+    few, many = (seen(1.0 + random(*s).round() * 4.0, (random(*s) * 3).floor()) for s in ((h, w), (height, width)))
+    colors, gradient = random(1, h, w, 2).requires_grad_(), random(1, height, width, 2)
+    made = joint_upsampled(colors, few, many, MATERIALS)
+    (back,) = torch.autograd.grad(made, colors, gradient)
+    assert float((made * gradient).sum()) == pytest.approx(float((colors * back).sum()), rel=1e-4)
+    other = random(1, h, w, 2)
+    other_made = joint_upsampled(other, few, many, MATERIALS)
+    assert float((other_made * gradient).sum()) == pytest.approx(float((other * back).sum()), rel=1e-4)
+
+
+def test_a_picture_is_the_same_whether_a_gradient_is_asked_for() -> None:
+    scene = load("cornell_box")
+    options = RenderOptions(supersample=0.5, reflections="off")
+    paint = scene.materials[0].diffuse.clone().requires_grad_()
+    asking = scene.replace(materials=(replace(scene.materials[0], diffuse=paint), *scene.materials[1:]))
+    view = scene.camera(width=48, height=40)
+    plain, made = (render(s, view, options=options).radiance for s in (scene, asking))
+    torch.testing.assert_close(made.detach(), plain, rtol=1e-5, atol=1e-6)
+    (slope,) = torch.autograd.grad(made.sum(), paint)
+    assert float(slope.abs().max()) > 0.0

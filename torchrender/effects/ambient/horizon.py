@@ -112,7 +112,7 @@ def _surroundings(geometry: Geometry, camera: Cameras, depth: Tensor, options: A
         small = camera.scaled(1.0 / max(2, options.spacing)) if min(height, width) >= 4 else camera
         back = rasterize_visibility(geometry, small, cull="front").depth[0]
     if options.around:
-        six = _cube_cameras(camera, options.around)
+        six = cube_cameras(camera, options.around)
         cube[0] = rasterize_visibility(geometry, six).depth
         cube[1] = torch.full((6, 1, 1), torch.inf).expand_as(cube[0])
         if options.backs:
@@ -120,7 +120,7 @@ def _surroundings(geometry: Geometry, camera: Cameras, depth: Tensor, options: A
     return Surroundings(*(view(v, np.float32) for v in (depth, back, lens, *cube)))
 
 
-def _cube_cameras(camera: Cameras, size: int) -> Cameras:
+def cube_cameras(camera: Cameras, size: int) -> Cameras:
     """Six views from the eye along the axes of a camera's frame."""
     turns = torch.zeros(6, 4, 4, dtype=torch.float64)
     turns[:, 3, 3] = 1.0

@@ -15,14 +15,15 @@ from torchrender.effects.ambient.visibility import AmbientVisibility
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import HardEffect, Law, Outputs, Subject, radiance_bounds
 from torchrender.passes.light.ambient_visibility import AMBIENT_VISIBILITY, has_ambient_light, reach_of
-from torchrender.passes.light.hidden_light import SIDE, depth_visibility
+from torchrender.passes.light.hidden_light import SIDE, depth_visibility, eye_visibility
 from torchrender.passes.light.light_reach import AREA_LISTED, LIGHT_REACH, POINT_LISTED
 from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.probe import probe
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.seen.gbuffer import GBUFFER
-from torchrender.passes.senses import closely, difference, few, roughly
+from torchrender.passes.senses import SIDE as SENSED_SIDE
+from torchrender.passes.senses import beside, closely, difference, few, roughly
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
@@ -54,6 +55,9 @@ RAYS = 64
 
 HALF_WHITE = 0.5
 """Reflectance that few surfaces exceed."""
+
+HIDDEN = 0.1
+"""Visible share of what lights from everywhere, below which what is sent does not tell how white a surface is."""
 
 DIRECT_LIGHT = Buffer("direct_light", Tensor, layer=Layer(Order.DIRECT, _under_all))
 """Radiance (B,H,W,3)."""
@@ -159,32 +163,52 @@ def senses(frame: Frame) -> dict[str, float]:
         found["ambient_visibility"] = _changed(frame, visible, 1.0 - visible)
         noise = (visible * (1.0 - visible)).clamp_min(0.0).sqrt() / math.sqrt(RAYS)
         found[closely("ambient_visibility")] = _changed(frame, visible, noise)
-    elif has_ambient_light(frame.scene):
-        found[roughly("ambient_visibility")] = _darkened(frame)
+    if has_ambient_light(frame.scene) and not frame.scene.photo_light:
+        found[roughly("ambient_visibility")] = rough = _darkened(frame, reach)
+        if reach is not None:
+            found[beside("ambient_visibility")] = rough
     return found | probe(frame, frame[GBUFFER], lights_visibility(frame), reach, frame[DIRECT_LIGHT])
 
 
-def _darkened(frame: Frame) -> float:
-    """How much a picture without ambient visibility is too bright, by the depth of a few of its pixels."""
+def _darkened(frame: Frame, known: AmbientReach | None) -> float:
+    """How much a picture without ambient visibility is too bright: by the depth of a few of its pixels, and by what the
+    eye sees of the sky all around.
+
+    Args:
+        known: the ambient visibility of this picture; None: it has none.
+    """
     scene, gbuffer, radiance = frame.scene, frame[GBUFFER], few(frame[DIRECT_LIGHT], SIDE).detach().float()
     sky, fill = _from_around(scene)
     reach = reach_of(scene, frame.options.ambient)
-    hidden = [
-        light * (1.0 - depth_visibility(gbuffer, far)) for light, far in ((sky, math.inf), (fill, reach)) if light
-    ]
-    if not hidden:
+    parts = [(light, depth_visibility(gbuffer, far)) for light, far in ((sky, math.inf), (fill, reach)) if light]
+    if not parts:
         return 0.0
-    white = (radiance.mean(dim=-1) / max(sky + fill, 1e-6)).clamp_max(HALF_WHITE)
-    return BEYOND * difference(frame, radiance, radiance - (torch.stack(hidden).sum(dim=0) * white)[..., None])
+    visible = None if known is None else few(known.visibility, SIDE)
+    white = _whiteness(frame, radiance, torch.ones(()) if visible is None else visible, SIDE)
+    whole = radiance if visible is None else radiance + ((sky + fill) * (1.0 - visible) * white)[..., None]
+
+    def lost(*hidden: tuple[float, Tensor]) -> float:
+        less = torch.stack([light * (1.0 - share) for light, share in hidden]).sum(dim=0) * white
+        return difference(frame, whole, (whole - less[..., None]).clamp_min(0.0))
+
+    found = BEYOND * lost(*parts)
+    around = eye_visibility(scene, gbuffer, frame.spare_ms) if sky else None
+    return found if around is None else max(found, lost((sky, around)))
 
 
 def _changed(frame: Frame, visible: Tensor, change: Tensor) -> float:
-    """By a change of ambient visibility, with surfaces as white as the light they send allows, half white at most."""
-    scene, radiance = frame.scene, few(frame[DIRECT_LIGHT]).detach().float()
-    arriving = sum(_from_around(scene))
-    whitest = radiance.mean(dim=-1) / (arriving * visible).clamp_min(1e-6)
-    hidden = arriving * change * whitest.clamp_max(HALF_WHITE)
+    """By a change of ambient visibility."""
+    radiance = few(frame[DIRECT_LIGHT]).detach().float()
+    hidden = sum(_from_around(frame.scene)) * change * _whiteness(frame, radiance, visible, SENSED_SIDE)
     return difference(frame, radiance, radiance + hidden[..., None])
+
+
+def _whiteness(frame: Frame, radiance: Tensor, visible: Tensor, side: int) -> Tensor:
+    """Surfaces as white as the light they send allows, half white at most; where next to none arrives, as they are."""
+    told = radiance.mean(dim=-1) / (sum(_from_around(frame.scene)) * visible).clamp_min(1e-6)
+    colors = frame.scene.material_table.diffuse.detach().mean(dim=-1)
+    own = colors[few(frame[GBUFFER].material, side).clamp_min(0)]
+    return torch.where(visible < HIDDEN, own, told).clamp_max(HALF_WHITE)
 
 
 def _nearness(frame: Frame) -> float | None:

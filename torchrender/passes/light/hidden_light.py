@@ -12,13 +12,26 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer
+from torchrender.effects.ambient.horizon import FACES, cube_cameras
 from torchrender.passes.senses import few
+from torchrender.raster import rasterize_visibility
+from torchrender.scene.model import Scene
 
 SIDE = 32
 """Pixels along each side, at most."""
 
 DISTANCES = (1, 2, 4, 8, 16)
 """In these pixels, at which surfaces are looked for in each of eight directions."""
+
+
+TEXELS = 12
+"""Along the sides of the six depth images around the eye."""
+
+FIRST_MS, TRIANGLE_MS = 2.0, 2e-5
+"""About what they take, at most: to begin with, and for each triangle of the scene."""
+
+MOST_EYES = 4
+"""Cameras of a batch that look around."""
 
 
 def _steps() -> Tensor:
@@ -47,3 +60,45 @@ def depth_visibility(gbuffer: GBuffer, reach: float = math.inf) -> Tensor:
     hides = inside & covered[:, rows, columns] & (length <= reach)
     highest = torch.where(hides, sine, 0.0).clamp(0.0, 1.0).amax(dim=2)
     return torch.where(covered, 1.0 - highest.square().mean(dim=1), 1.0)
+
+
+def eye_visibility(scene: Scene, gbuffer: GBuffer, spare_ms: float) -> Tensor | None:
+    """Cosine-weighted share (B,h,w) of the hemisphere over a few pixels that nothing hides from the eye, either.
+
+    What stands around the eye stands around what it sees: a closed room has no sky, whatever part of it is in the
+    picture. What is nearer to the eye than half of a pixel's distance hides as much less of it as it looks smaller
+    from there. None: parallel views, which have no eye, several cameras, or not time enough.
+    """
+    cameras = gbuffer.cameras
+    dear = FIRST_MS + TRIANGLE_MS * scene.geometry.triangle_count > spare_ms
+    if cameras.orthographic or dear or not 0 < len(cameras) <= MOST_EYES:
+        return None
+    return torch.stack([_around_eye(scene, gbuffer, k) for k in range(len(cameras))])
+
+
+def _around_eye(scene: Scene, gbuffer: GBuffer, k: int) -> Tensor:
+    camera = gbuffer.cameras[k]
+    place, normal, covered = (few(i[k : k + 1], SIDE)[0] for i in (gbuffer.position, gbuffer.normal, gbuffer.covered))
+    depth = rasterize_visibility(scene.geometry, cube_cameras(camera, TEXELS)).depth.reshape(-1)
+    way, solid = _texels()
+    world = way @ camera.rotation[0].float()
+    far = depth * way.abs().amax(dim=-1).reciprocal()  # along unit directions
+    distance = (place - camera.eye[0]).float().norm(dim=-1).reshape(-1, 1)
+    facing = (normal.reshape(-1, 3) @ world.T).clamp_min(0.0) * solid
+    smaller = (2.0 * far / distance.clamp_min(1e-30)).clamp_max(1.0).square()
+    hidden = torch.where(torch.isfinite(far), smaller, 0.0)
+    share = (facing * hidden).sum(dim=-1) / facing.sum(dim=-1).clamp_min(1e-6)
+    return torch.where(covered, 1.0 - share.reshape(covered.shape), 1.0)
+
+
+def _texels() -> tuple[Tensor, Tensor]:
+    """Unit directions (N,3) of texels in the camera's frame, and the solid angles (N,) they take."""
+    across = (torch.arange(TEXELS) + 0.5) * (2.0 / TEXELS) - 1.0
+    rows, columns = torch.meshgrid(across, across, indexing="ij")
+    way = torch.zeros(6, TEXELS, TEXELS, 3)
+    for face, (right, down) in enumerate(FACES):
+        way[face, ..., right], way[face, ..., down] = columns, rows
+        way[face, ..., face // 2] = 1.0 - 2.0 * (face % 2)
+    way = way.reshape(-1, 3)
+    length = way.norm(dim=-1)
+    return way / length[:, None], length**-3

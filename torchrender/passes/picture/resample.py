@@ -55,8 +55,7 @@ def run(frame: Frame) -> Tensor:
     if (rows, columns) == size:
         return radiance
     guide = frame.get(PICTURE_VISIBILITY)
-    # The compiled scaling knows no gradients: who wants some gets the bilinear one.
-    if guide is not None and (rows < size[0] or columns < size[1]) and not radiance.requires_grad:
+    if guide is not None and (rows < size[0] or columns < size[1]):
         return joint_upsampled(radiance, frame[GBUFFER], guide, frame.scene.geometry.material)
     return resampled(radiance, size, frame.options.upscaling)
 
