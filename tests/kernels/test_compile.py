@@ -42,6 +42,29 @@ def each(values):
     for k in prange(len(values)):
         out[k] = helper(values, np.int64(k)) + square(1.0)
     return out
+
+@kernel()
+def ends(values):
+    return helper(values, 0) + helper(values, 1) + helper(values, 4)
+
+@kernel()
+def room(size):
+    return np.zeros(size)
+"""
+LATE = """
+from numba.extending import overload
+from torchrender.kernels.compile import kernel
+
+def twice(x):
+    return 2 * x
+
+@overload(twice)
+def compiled_twice(x):
+    return lambda x: 2 * x
+
+@kernel()
+def four_times(x):
+    return twice(twice(x))
 """
 
 
@@ -87,6 +110,51 @@ def test_kernels_call_kernels_and_python_calls_each_of_them(tmp_path, plain) -> 
     for made in (first, again):
         assert made["r"] == expected
     assert first["n"] > 4 and again["n"] == 0
+
+
+def test_constants_share_the_code_of_a_helper(tmp_path) -> None:
+    made = run(tmp_path, "print(json.dumps({'sum': own.ends(v), 'n': L.n}))")
+    assert made["sum"] == 0.0 + 1.0 + 16.0
+    assert made["n"] == 3  # ends, helper, square
+
+
+@pytest.mark.parametrize("plain", ["", "1"])
+def test_what_kernels_call_of_numba_is_linked_and_still_raises(tmp_path, plain) -> None:
+    code = (
+        "from numba.core.codegen import JITCodeLibrary\n"
+        "made, finish = [], JITCodeLibrary._finalize_specific\n"
+        "JITCodeLibrary._finalize_specific = lambda self: (made.append(self.name), finish(self))[1]\n"
+        "r = own.room(3).tolist()\n"
+        "try: own.room(-1)\n"
+        "except ValueError as e: told = str(e)\n"
+        "of_numba = any('impl' in name for name in made)\n"
+        "import numba; here = numba.njit(lambda n: np.zeros(n))(2).tolist()\n"
+        "print(json.dumps({'r': r, 'told': told, 'room': any('room' in n for n in made), 'of_numba': of_numba,"
+        " 'here': here}))"
+    )
+    first = run(tmp_path, code, TORCHRENDER_PLAIN_COMPILER=plain)
+    again = run(tmp_path, code, TORCHRENDER_PLAIN_COMPILER=plain)
+    assert first["room"] and first["of_numba"] == (plain == "1")
+    for made in (first, again):
+        assert made["r"] == [0.0, 0.0, 0.0] and made["here"] == [0.0, 0.0] and "negative" in str(made["told"])
+
+
+def test_what_is_declared_after_the_first_kernel_is_found(tmp_path) -> None:
+    (tmp_path / "late.py").write_text(LATE)
+    assert run(tmp_path, "own.square(3.0); import late; print(json.dumps({'x': late.four_times(1.0)}))")["x"] == 4.0
+
+
+def test_nobody_is_told_of_each_call_of_the_compiler(tmp_path) -> None:
+    code = (
+        "told = []\n"
+        "class Locks(event.Listener):\n"
+        "    def on_start(self, e): told.append(1)\n"
+        "    def on_end(self, e): pass\n"
+        "event.register('numba:llvm_lock', Locks())\n"
+        "print(json.dumps({'x': own.square(3.0), 'told': len(told)}))"
+    )
+    assert run(tmp_path, code)["told"] == 0
+    assert run(tmp_path, code, TORCHRENDER_PLAIN_COMPILER="1", NUMBA_CACHE_DIR=str(tmp_path / "other"))["told"] > 100
 
 
 def test_an_edit_of_a_kernel_is_seen(tmp_path) -> None:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numba
 from numba import config as numba_config
+from numba.core import types
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numba.np.ufunc import parallel as numba_parallel
@@ -29,13 +30,14 @@ from torchrender.kernels.claims import Claim, take, wait
 from torchrender.kernels.front_end import shorten
 from torchrender.kernels.hooks import is_dealt_with
 from torchrender.kernels.keys import cache_folder, file_key, module_key, module_name
-from torchrender.kernels.libraries import KernelCompiler, is_used
+from torchrender.kernels.libraries import KernelCompiler, is_used, link_overloads
 from torchrender.kernels.store import CodeStore
 
 # Two threads that enter compiled code at once abort the process under the "workqueue" layer.
 numba_config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 if is_used():
     shorten()
+    link_overloads()
 
 LOG = logging.getLogger("torchrender.kernels")
 
@@ -95,8 +97,11 @@ class Kernel(CPUDispatcher):
         return bool(self._compiling_counter) or (inside is not None and inside.is_compiling)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """For a call from another kernel."""
-        return super().get_call_template(args, kws) if not self._seen else self.inside.get_call_template(args, kws)
+        """For a call from another kernel: constants are numbers like any others, so that all share one code."""
+        if self._seen:
+            return self.inside.get_call_template(args, kws)
+        args = tuple(_without_value(one) for one in args)
+        return super().get_call_template(args, {name: _without_value(one) for name, one in kws.items()})
 
     def get_overload(self, sig: Any) -> Any:
         """For a call from another kernel."""
@@ -135,6 +140,11 @@ class Kernel(CPUDispatcher):
             return True
         LOG.info("compiling %s, once; kept in %s", self.kernel_name, cache_folder())
         return False
+
+
+def _without_value(kind: Any) -> Any:
+    """The type of a number that is known while compiling, as of one that is not; other types as they are."""
+    return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral | types.BooleanLiteral) else kind
 
 
 _compiling = threading.Lock()

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import llvmlite
@@ -21,6 +22,8 @@ from numba.core import compiler, typed_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import register_pass
 from numba.core.environment import lookup_environment
+from numba.core.targetconfig import ConfigStack
+from numba.core.typing import templates
 from numba.parfors.parfor_lowering import ParforLower
 
 TESTED = {("0.68.1", "0.50.0")}
@@ -50,7 +53,19 @@ class _NoEngine:
         """The functions that it is linked into do it."""
 
 
-class HelperLibrary(JITCodeLibrary):
+class _Library(JITCodeLibrary):
+    """What both kinds have in common."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        """Those that have code; numba sets all passes up for each declaration, too, where LLVM does nothing."""
+        ll_module.data_layout = self._codegen._data_layout
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                manager, builder = self._codegen._function_pass_manager()
+                manager.run(function, builder)
+
+
+class HelperLibrary(_Library):
     """Code to be linked into others."""
 
     @property
@@ -90,7 +105,7 @@ class HelperLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-class RootLibrary(JITCodeLibrary):
+class RootLibrary(_Library):
     """Machine code of a function that Python calls, with its helpers."""
 
     def _finalize_final_module(self) -> None:
@@ -164,13 +179,35 @@ class KernelCompiler(compiler.CompilerBase):
     """Numba's own way, with the lowering above."""
 
     def define_pipelines(self) -> list[Any]:
-        """One, without object mode."""
+        """One, without object mode, and without the source text with the type of every variable."""
         manager = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         ours = {typed_passes.NativeLowering: SerialLowering, typed_passes.NativeParforLowering: ParallelLowering}
-        manager.passes = [(ours.get(one, one), told) for one, told in manager.passes]
+        kept = [(one, told) for one, told in manager.passes if one is not typed_passes.AnnotateTypes]
+        manager.passes = [(ours.get(one, one), told) for one, told in kept]
+        self.state.type_annotation = ""
         manager._finalized = False
         manager.finalize()
         return [manager]
+
+
+_jit = templates._OverloadFunctionTemplate._get_jit_decorator
+
+
+def _overload_as_helper(self: Any) -> Any:
+    """Decorator of numba's own functions, ``np.zeros`` and the like: in kernels they are helpers.
+
+    Kernels, and what is compiled for them, have no wrapper for C, which tells them from others' functions; numba keeps
+    what it compiles by such flags, so that neither gets what was made for the other.
+    """
+    decorator, flags = _jit(self), ConfigStack.top_or_none()
+    if flags is None or not flags.no_cfunc_wrapper:
+        return decorator
+    return partial(decorator, pipeline_class=KernelCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+
+
+def link_overloads() -> None:
+    """Numba's own functions only linked, too; again does nothing more."""
+    templates._OverloadFunctionTemplate._get_jit_decorator = _overload_as_helper
 
 
 def rebuild(target: Any, payload: tuple[Any, ...]) -> Any:
