@@ -99,9 +99,11 @@ def test_spans_and_bits_are_the_covered_pixels(step: float) -> None:
         np.testing.assert_array_equal(found, wanted)
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         pixel = (2 * SUBPIXEL + SUBPIXEL // 2, SUBPIXEL + SUBPIXEL // 2)
-        bits = window_bits(*packed, area, pixel)  # also where the window cuts the triangle
+        bits = window_bits(*packed, area, pixel, WINDOW)  # also where the window cuts the triangle
         part = [(x, y) for y, x in itertools.product(range(WINDOW), repeat=2) if covers(corners, x + 2, y + 1)]
         assert {n for n in range(64) if (bits >> n) & 1} == {WINDOW * y + x for x, y in part}
+        rows = max((y for _, y in part), default=0) + 1
+        assert window_bits(*packed, area, pixel, rows) == bits
         outside = [misses(*e, 5, 4) for e in edges_of(packed, corners, 2, 1)]
         assert not (any(outside) and any(x < 5 and y < 4 for x, y in part))
 

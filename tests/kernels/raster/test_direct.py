@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster import direct
+from torchrender.kernels.raster import direct, many_views
 from torchrender.kernels.raster.records import Frame
 
 SIZE = (150, 70)  # three tiles by three, of which some are cut
@@ -83,3 +83,20 @@ def test_the_reach_of_a_cluster_holds_its_points(orthographic: bool) -> None:
             held = np.arange(count)[(np.arange(count) >= axis.min()) & (np.arange(count) <= axis.max())]
             assert all(low <= n <= up for n in held)
     assert 10 < crossing < 190
+
+
+def test_regions_are_loaded_with_the_triangles_of_all_clusters_that_may_touch_them() -> None:
+    rng = np.random.default_rng(9)
+    runs = np.stack([np.arange(30) * 10, np.arange(30) * 10 + rng.integers(1, 10, 30)], axis=1)
+    low = rng.integers(0, 100, (20, 2))
+    boxes = np.concatenate([low, low + rng.integers(-1, 60, (20, 2))], axis=1)  # some hold no pixel
+    chosen = rng.permutation(30)[:20]
+    found = many_views.Found(chosen, boxes, np.zeros(20), np.zeros(0, bool))
+    loads = np.zeros((6, 4), np.int64)
+    many_views.region_loads(found, runs, (50, 30), loads)
+    wanted = np.zeros_like(loads)
+    for c, (x0, y0, x1, y1) in zip(chosen, boxes, strict=True):
+        touched = {(y // 30, x // 50) for y in range(y0, y1 + 1) for x in range(x0, x1 + 1)}
+        for j, i in touched:
+            wanted[j, i] += runs[c, 1] - runs[c, 0]
+    assert (loads == wanted).all() and (boxes[:, 0] > boxes[:, 2]).any()

@@ -5,22 +5,44 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 
 from torchrender.kernels.raster.fragments import has_triangle
+from torchrender.kernels.raster.lanes import vectors
 from torchrender.kernels.raster.lanes.pixels import (
     covered_window,
     keep_nearest,
     reaches,
     same_lanes,
     unseen_lanes,
-    write_seen,
 )
+from torchrender.kernels.raster.lanes.seen import write_mixed, write_seen
 from torchrender.kernels.raster.lanes.vectors import LANES
 
 
 @numba.njit
-def window(edges):
-    return covered_window(edges)
+def window(edges, tall):
+    return covered_window(edges, tall)
+
+
+@intrinsic
+def doubles_of(typingctx, values, out):  # noqa: ARG001
+    def generate(context, builder, sig, args):
+        first = ir.Constant(vectors.I64, 0)
+        read = builder.load(vectors.place_of(context, builder, sig.args[0], args[0], first, vectors.LONGS))
+        read.align = 8
+        made = vectors.as_doubles(builder, read)
+        builder.store(made, vectors.place_of(context, builder, sig.args[1], args[1], first, vectors.DOUBLES)).align = 8
+        return context.get_dummy_value()
+
+    return types.void(values, out), generate
+
+
+@numba.njit
+def to_doubles(values, out):
+    doubles_of(values, out)
 
 
 @numba.njit
@@ -46,6 +68,13 @@ def written(images, place, lanes, owner, planes, depths, source):
 
 
 @numba.njit
+def written_mixed(images, place, lanes, known, planes, objects, depths, spot):
+    here = (known[0], np.uintp(known[1]), np.int32(known[2]))
+    to = (np.uintp(place[0]), np.uintp(place[1]))
+    write_mixed(images, to, (np.uint64(lanes[0]), lanes[1]), here, (planes, objects), depths, spot)
+
+
+@numba.njit
 def unseen(keys, ids, place, mask, plane, t, spot, earlier):
     return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane + spot, np.int32(t), earlier)
 
@@ -65,7 +94,21 @@ def test_a_window_is_inside_where_all_three_edges_are_not_negative() -> None:
                 for x in range(8)
                 if all(e[k] + dx[k] * x + dy[k] * y >= 0 for k in range(3))
             }
-            assert set_bits(window((*e, *dx, *dy))) == inside
+            assert set_bits(window((*e, *dx, *dy), True)) == inside
+            assert set_bits(window((*e, *dx, *dy), False)) == {k for k in inside if k < 32}
+
+
+def test_integers_become_the_nearest_numbers() -> None:
+    """Halfway between two of them, too, and at the ends of what 64 bits hold."""
+    rng = np.random.default_rng(6)
+    special = [0, -1, 1, (1 << 53) + 1, -(1 << 53) - 1, (1 << 54) + 2, (1 << 62) + 1, (1 << 63) - 1, -(1 << 63)]
+    values = np.concatenate([special, rng.integers(-(1 << 63), (1 << 63) - 1, 1000) >> rng.integers(0, 63, 1000)])
+    values = np.resize(values, 1008)
+    out = np.empty(LANES)
+    for first in range(0, len(values), LANES):
+        some = values[first : first + LANES].copy()
+        to_doubles(some, out)
+        assert out.tolist() == [float(int(v)) for v in some]
 
 
 def test_the_nearest_of_masked_pixels_is_kept_and_others_stay() -> None:
@@ -108,6 +151,39 @@ def test_masked_pixels_of_an_image_are_written_and_no_others() -> None:
                     u = min(max((planes[0] * (3.5 + k) + planes[1]) * scale, 0.0), 1.0)
                     v = min(max((planes[2] * (3.5 + k) + planes[3]) * scale, 0.0), 1.0 - u)
                     assert owners[y, x] == 5 and tuple(weights[y, x]) == (np.float32(u), np.float32(v))
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_pixels_of_different_triangles_each_get_their_own_object_and_weights(weighted: bool) -> None:
+    """Ids share the bits that tell their rows; pixels without a triangle, and those beside the masked ones."""
+    rng = np.random.default_rng(4)
+    for _ in range(100):
+        whole = bool(rng.integers(0, 2))
+        mask, row, column, source = 255 if rng.integers(0, 2) else int(rng.integers(0, 256)), 1, 1, 5
+        ids = rng.integers(-1, 12, 16).astype(np.int32)
+        planes, objects = rng.normal(0, 0.3, (4, 6)), rng.integers(0, 99, 12)
+        planes[3, rng.integers(0, 6)] = np.nan  # of pixels without a triangle it does not count
+        ids[ids % 4 == 3] = -1
+        depths = rng.uniform(0.5, 2, 16)
+        owners, weights = np.full((3, 9), -7), np.full((3, 9, 2), -7, np.float32)
+        written_mixed(
+            (owners, weights), (row, column), (mask, whole), (ids, source, 3), planes, objects, depths,
+            (3.5, 2.5, weighted),
+        )  # fmt: skip
+        for y in range(3):
+            for x in range(9):
+                k = x - column
+                if y != row or k not in set_bits(mask):
+                    assert owners[y, x] == -7 and (weights[y, x] == -7).all()
+                    continue
+                t, u, v = ids[source + k], 0.0, 0.0
+                if t >= 0:
+                    ux, uy, uc, vx, vy, vc = planes[t & 3]
+                    scale = depths[source + k] if weighted else 1.0
+                    u = min(max((ux * (3.5 + k) + (uy * 2.5 + uc)) * scale, 0.0), 1.0)
+                    v = min(max((vx * (3.5 + k) + (vy * 2.5 + vc)) * scale, 0.0), 1.0 - u)
+                assert owners[y, x] == (objects[t] if t >= 0 else -1)
+                assert tuple(weights[y, x]) == (np.float32(u), np.float32(v))
 
 
 @pytest.mark.parametrize("images", [0, 1, 3])

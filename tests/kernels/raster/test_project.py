@@ -7,7 +7,18 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.project import barycentric_planes, key_plane
+from torchrender.kernels.raster.project import (
+    BLOCK,
+    GUARD,
+    NEEDS_CLIP,
+    SUBPIXEL,
+    area_in_view,
+    barycentric_planes,
+    key_plane,
+    project_vertices,
+    snapped_x,
+    snapped_y,
+)
 from torchrender.kernels.raster.records import Frame
 
 FACES = np.array([[0, 1, 2]], np.int32)
@@ -66,3 +77,49 @@ def test_a_triangle_seen_edge_on_has_its_mean_key(orthographic: bool) -> None:
 def test_what_lies_before_the_near_plane_is_no_nearer_than_it() -> None:
     points = np.array([[-1.0, 0, 0.05, 0], [1.0, 0, 2.0, 0], [0.0, 1.0, 3.0, 0]])
     assert key_plane(points, FACES, 0, Frame(64, 48, 0.5, 100.0, False))[4] == 2.0
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_area_in_view_is_that_of_squares_over_the_diagonals(orthographic: bool) -> None:
+    rng = np.random.default_rng(7)
+    bounds = np.sort(rng.uniform(-3, 3, (20, 2, 3)), axis=1)
+    runs = np.stack([np.arange(20) * 10, np.arange(20) * 10 + rng.integers(1, 10, 20)], axis=1)
+    chosen, distance = rng.permutation(20)[:12], rng.uniform(-1, 9, 12)
+    frame = Frame(640, 480, 0.25, 100.0, orthographic)
+    area, triangles = area_in_view(bounds, runs, (chosen, distance), 300.0, frame)
+    size = np.linalg.norm(bounds[chosen, 1] - bounds[chosen, 0], axis=1)
+    depth = 1.0 if orthographic else 0.25 + np.maximum(distance, 0) + size / 2
+    assert area == pytest.approx(((300.0 * size / depth) ** 2).sum(), rel=1e-12)
+    assert triangles == (runs[chosen, 1] - runs[chosen, 0]).sum()
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("count", [3, 8, 2 * BLOCK + 13])
+def test_vertices_are_where_a_loop_puts_them(count: int, orthographic: bool) -> None:
+    """Before the near plane, outside of the guard band and not finite, too; bit for bit."""
+    rng = np.random.default_rng(count)
+    matrix = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    matrix[:2] *= 900
+    eye, near = rng.uniform(-5, 5, 3), 0.5
+    vertices = eye + rng.uniform(-9, 9, (count, 3)) * rng.choice([0.1, 1, 40], (count, 1))
+    vertices[1] = np.nan
+    blocks = np.arange(-(-count // BLOCK))[-2:]
+    out = np.full((count, 4), -7.0)
+    project_vertices(vertices, blocks, matrix, eye, near, orthographic, out, out.view(np.int64))
+    kinds = set()
+    for v in range(count):
+        if v // BLOCK not in blocks:
+            assert (out[v] == -7).all()
+            continue
+        d = vertices[v] - eye
+        x, y, w = (row[0] * d[0] + row[1] * d[1] + row[2] * d[2] for row in matrix)
+        np.testing.assert_array_equal(out[v, :3], [x, y, w])
+        px, py = (x, y) if orthographic else (x / w, y / w)
+        inside = w >= near and abs(px) < GUARD and abs(py) < GUARD
+        kinds.add(bool(inside))
+        packed = int(out[v : v + 1].view(np.int64)[0, 3])
+        if not inside:
+            assert packed == NEEDS_CLIP
+            continue
+        assert snapped_x(packed) == np.floor(px * SUBPIXEL + 0.5) and snapped_y(packed) == np.floor(py * SUBPIXEL + 0.5)
+    assert count < 9 or kinds == {False, True}

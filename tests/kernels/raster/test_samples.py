@@ -57,6 +57,8 @@ def test_codes_are_the_pixels_of_a_loop(cull: int) -> None:
     for first, past in runs:
         samples.gather_corners(packed, listed, first, past - first, chunk)
         samples.find_samples(chunk, past - first, FRAME, (0, 0, FRAME.width - 1, FRAME.height - 1), cull)
+        listed_ones = chunk.found[: samples.list_found(chunk, past - first)]
+        assert listed_ones.tolist() == np.flatnonzero(chunk.codes[: past - first]).tolist()
         for n in range(past - first):
             code = int(chunk.codes[n])
             corners = [int(packed[v, 3]) for v in listed[first + n]]

@@ -138,11 +138,10 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
     chunk = borrowed(room)
     for cluster in range(first, end):
         begin, past = runs[chosen[cluster], 0], runs[chosen[cluster], 1]
-        look_at(packed, listed, (begin, past), frame, image, cull, chunk)
-        for k in range(np.uintp(past - begin)):
+        found = look_at(packed, listed, (begin, past), frame, image, cull, chunk)
+        for number in range(found):
+            k = np.uintp(chunk.found[number])
             code = chunk.codes[k]
-            if code == 0:
-                continue
             place = np.uintp(begin) + k
             if code == CROSSING:
                 if not out_of_view(points, listed, place, near, far, orthographic, width * 0.5 + 1, height * 0.5 + 1):
@@ -162,7 +161,7 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
                 if whole:
                     x0, y0 = coverage.window_start(x0, y0)
                 pixel = ((x0 - left) * SUBPIXEL + HALF, (y0 - top) * SUBPIXEL + HALF)
-                bits = coverage.window_bits(a, b, c, area, pixel)
+                bits = coverage.window_bits(a, b, c, area, pixel, y1 - y0 + 1)
                 if bits == coverage.NO_BITS:
                     continue
             if not whole or (mask.shape[0] > 0 and mask[t] >= 0):

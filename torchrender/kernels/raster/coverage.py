@@ -67,18 +67,18 @@ def window_start(x, y):
 
 
 @kernel(inline=True)
-def window_bits(a, b, c, area, pixel):
+def window_bits(a, b, c, area, pixel, rows):
     """One bit for each covered pixel of a window of WINDOW x WINDOW: bit ``WINDOW y + x``.
 
-    ``pixel``: the first one's centre, snapped. All of the window is tested, wherever the triangle ends: mispredicted
-    branches would cost more.
+    ``pixel``: the first one's centre, snapped; ``rows``: of the window, in which all of the triangle lies. At least
+    half of the window is tested, wherever the triangle ends: mispredicted branches would cost more.
     """
     sign = 1 if area > 0 else -1
     px, py = pixel
     e0, dx0, dy0 = edge(a, b, sign, px, py)
     e1, dx1, dy1 = edge(b, c, sign, px, py)
     e2, dx2, dy2 = edge(c, a, sign, px, py)
-    return covered_window((e0, e1, e2, dx0, dx1, dx2, dy0, dy1, dy2))
+    return covered_window((e0, e1, e2, dx0, dx1, dx2, dy0, dy1, dy2), rows > WINDOW // 2)
 
 
 @kernel(inline=True)

@@ -205,7 +205,8 @@ def draw_whole(place, corners, code, box, scene, frame, earlier, tiles):
     if code == LARGE:
         x0, y0 = window_start(x0, y0)
         px, py = x0 - (frame.width >> 1), y0 - (frame.height >> 1)
-        bits = window_bits(a, b, c, doubled_area(a, b, c), (px * SUBPIXEL + HALF, py * SUBPIXEL + HALF))
+        pixel = (px * SUBPIXEL + HALF, py * SUBPIXEL + HALF)
+        bits = window_bits(a, b, c, doubled_area(a, b, c), pixel, y1 - y0 + 1)
         if bits == NO_BITS:
             return
     left, top = column << COLUMN_BITS, row << ROW_BITS
@@ -216,25 +217,25 @@ def draw_whole(place, corners, code, box, scene, frame, earlier, tiles):
 
 
 @kernel()
-def draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room):
-    """The triangles at the places ``run[0]`` to ``run[1] - 1``, of :func:`~.samples.find_samples`.
+def draw_chunk(scene, part, frame, sides, tests, canvas, buffers, room):
+    """The triangles of :func:`~.samples.look_at`; ``part``: the place of the first one, and how many were found.
 
     ``room``: a :class:`~.samples.Chunk` and places of triangles to clip; returns how many these are.
     """
     scene, tests = borrowed(scene), borrowed(tests)
     canvas, buffers = borrowed(canvas), borrowed(buffers)
     chunk, to_clip = borrowed(room)
+    begin, found = part
     cull, single_sided = sides
     single_sided = borrowed(single_sided)
     image = part_of(canvas)
     left, top = frame.width >> 1, frame.height >> 1
     holed = tests.holes.mask.shape[0] > 0
     m = np.uintp(0)
-    for n in range(np.uintp(run[1] - run[0])):
+    for number in range(found):
+        n = np.uintp(chunk.found[number])
         code = chunk.codes[n]
-        if code == 0:
-            continue
-        place = np.uintp(run[0]) + n
+        place = np.uintp(begin) + n
         if code == CROSSING:
             if not out_of_view(
                 scene.points, scene.listed, place, frame.near, frame.far, frame.orthographic,
@@ -266,7 +267,7 @@ def draw_cluster(scene, packed, run, frame, sides, tests, tiles, room):
     are single-sided (F,) or (0,); ``tiles``: :class:`Canvas` and :class:`Buffers`; ``room``: as of :func:`draw_chunk`.
     """
     canvas, buffers = tiles
-    look_at(packed, scene.listed, run, frame, part_of(canvas), sides[0], room[0])
-    crossing = draw_chunk(scene, run, frame, sides, tests, canvas, buffers, room)
+    found = look_at(packed, scene.listed, run, frame, part_of(canvas), sides[0], room[0])
+    crossing = draw_chunk(scene, (run[0], found), frame, sides, tests, canvas, buffers, room)
     if crossing > 0:
         draw_clipped(scene, room[1][:crossing], frame, sides, tests, tiles)

@@ -85,12 +85,12 @@ def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals,
     chosen, _, points, packed = seen = _projected(triangles, view)
     if how.plain and suits_regions(triangles, view, seen):
         found = _reached(triangles, view, chosen)
-        room = many_views.Room(points, packed, *_buffers(thread_count(), REGION[0] * REGION[1])[1:])
+        room = many_views.Room(points, packed, *_memory.buffers(thread_count(), REGION[0] * REGION[1])[1:])
         regions, shape = _regions(triangles, found, view), _shape(triangles, cull == "sides")
         many_views.draw_regions(shape, found, regions, view.frame, how, tests.holes, room, outputs)
         return
     scene, bins = _bin(triangles, chosen, (points, packed), view.frame, how, cull == "sides")
-    tiles.render_tiles(scene, bins, view.frame, *tests, _buffers(thread_count()), outputs)
+    tiles.render_tiles(scene, bins, view.frame, *tests, _memory.buffers(thread_count()), outputs)
 
 
 def _reached(triangles: TriangleArrays, view: View, chosen: Array) -> many_views.Found:
@@ -103,26 +103,21 @@ def _reached(triangles: TriangleArrays, view: View, chosen: Array) -> many_views
 
 def suits_regions(triangles: TriangleArrays, view: View, seen: InView) -> bool:
     """True if clusters are so small in a large picture that what regions hide of them is worth more than lists."""
-    frame, bounds, runs = view.frame, triangles.cluster_bounds[seen.chosen], triangles.clusters[seen.chosen]
+    frame, (chosen, distance, _, _) = view.frame, seen
     if frame.width * frame.height <= thread_count() * REGION[0] * REGION[1] * TILE_WIDTH * TILE_HEIGHT:
         return False
-    size = np.linalg.norm(bounds[:, 1] - bounds[:, 0], axis=1)
-    depth = 1.0 if frame.orthographic else frame.near + np.maximum(seen.distance, 0.0) + 0.5 * size
-    area = (size * np.linalg.norm(view.matrix[0]) / depth) ** 2
-    return float(area.sum()) <= FINE * int((runs[:, 1] - runs[:, 0]).sum())
+    scale = float(np.linalg.norm(view.matrix[0]))
+    area, count = project.area_in_view(triangles.cluster_bounds, triangles.clusters, (chosen, distance), scale, frame)
+    return bool(area <= FINE * count)
 
 
 def _regions(triangles: TriangleArrays, found: many_views.Found, view: View) -> many_views.Regions:
     """Those with most triangles first, so that threads end together."""
     wide, tall = REGION[0] * TILE_WIDTH, REGION[1] * TILE_HEIGHT
     across, down = -(-view.frame.width // wide), -(-view.frame.height // tall)
-    seen = (found.boxes[:, 0] <= found.boxes[:, 2]) & (found.boxes[:, 1] <= found.boxes[:, 3])
-    runs = triangles.clusters[found.chosen[seen]]
-    left, top, right, bottom = (found.boxes[seen] // (wide, tall, wide, tall)).T
-    load, sizes = np.zeros((down + 1, across + 1), np.int64), runs[:, 1] - runs[:, 0]
-    for row, column, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
-        np.add.at(load, (row, column), sign * sizes)
-    order = np.argsort(-load.cumsum(axis=0).cumsum(axis=1)[:down, :across].reshape(-1), kind="stable")
+    loads = np.zeros((down, across), np.int64)
+    many_views.region_loads(found, triangles.clusters, (wide, tall), loads)
+    order = np.argsort(-loads, axis=None, kind="stable")
     return many_views.Regions(view.matrix, view.reference, order, wide, tall)
 
 
@@ -149,7 +144,7 @@ def draw_views(arrays: TriangleArrays, views: list[View], how: Drawing, outputs:
     vertices = len(arrays.vertices)
     points = _memory.points(threads * vertices)[: threads * vertices].reshape(threads, vertices, 4)
     tiles_of = -(-frames[0].width // TILE_WIDTH) * -(-frames[0].height // TILE_HEIGHT)
-    room = many_views.Room(points, points.view(np.int64), *_buffers(threads, tiles_of)[1:])
+    room = many_views.Room(points, points.view(np.int64), *_memory.buffers(threads, tiles_of)[1:])
     if not outputs.triangle.size:
         none = np.zeros((len(views), 0, 0), np.int64)
         outputs = Visible(outputs.depth, none, none, np.zeros((len(views), 0, 0, 2), np.float32))
@@ -175,13 +170,13 @@ class PreparedView:
 
     def draw(self, limits: Limits, earlier: Earlier, outputs: Visible, pixels: Pixels | None = None) -> None:
         """Fill ``outputs`` with what passes the tests; with ``pixels`` only the tiles that hold these."""
-        buffers = _buffers(thread_count())
+        buffers = _memory.buffers(thread_count())
         bins = self._bins(pixels)
         tiles.render_tiles(self.scene, bins, self.view.frame, limits, earlier, self.holes, buffers, outputs)
 
     def count(self, stored: Stored, eps: Array, outputs: Nearer, pixels: Pixels | None = None) -> None:
         """Fill ``outputs``, all zero; ``eps``: relative and absolute distance of touching surfaces."""
-        ends = _buffers(thread_count()).spans
+        ends = _memory.buffers(thread_count()).spans
         layers.count_tiles(self.scene, self._bins(pixels), self.view.frame, self.holes, stored, eps, ends, outputs)
 
     def _bins(self, pixels: Pixels | None) -> Bins:
@@ -224,6 +219,7 @@ class _Memory(threading.local):
     def __init__(self) -> None:
         self._points = np.empty((0, 4))
         self._lists = _lists(0)
+        self._buffers = _buffers(0, 0)
 
     @contextmanager
     def lent(self) -> Iterator[None]:
@@ -251,6 +247,26 @@ class _Memory(threading.local):
             self._lists = _lists(count)
         return self._lists
 
+    def buffers(self, threads: int, count: int = 1) -> Buffers:
+        """A row per thread, with room for so many tiles, until the next ones are asked for; no planes are known."""
+        if self._buffers.keys.shape != (threads, count * TILE_WIDTH * TILE_HEIGHT):
+            self._buffers = _buffers(threads, count)
+        self._buffers.known.fill(-1)
+        return self._buffers
+
+
+def _buffers(threads: int, count: int) -> Buffers:
+    pixels = count * TILE_WIDTH * TILE_HEIGHT
+    return Buffers(
+        0,
+        np.zeros((threads, pixels)),
+        np.zeros((threads, pixels), np.int32),
+        np.zeros((threads, tiles.BLOCKS)),
+        np.zeros((threads, 2, TILE_HEIGHT), np.int64),
+        np.empty((threads, CACHED), np.int64),
+        np.zeros((threads, CACHED, 6)),
+    )
+
 
 def _lists(count: int) -> binning.Lists:
     return binning.Lists(
@@ -266,20 +282,6 @@ def _lists(count: int) -> binning.Lists:
 _memory = _Memory()
 
 
-def _buffers(threads: int, count: int = 1) -> Buffers:
-    """A row per thread, with room for so many tiles."""
-    pixels = count * TILE_WIDTH * TILE_HEIGHT
-    return Buffers(
-        0,
-        np.zeros((threads, pixels)),
-        np.zeros((threads, pixels), np.int32),
-        np.zeros((threads, tiles.BLOCKS)),
-        np.zeros((threads, 2, TILE_HEIGHT), np.int64),
-        np.full((threads, CACHED), -1, np.int64),
-        np.zeros((threads, CACHED, 6)),
-    )
-
-
 def _bin(
     triangles: TriangleArrays,
     chosen: Array,
@@ -289,7 +291,6 @@ def _bin(
     sides: bool,
 ) -> tuple[Triangles, Bins]:
     """What is drawn, and for each tile what may touch it."""
-    points = projected[0]
     starts = _chunk_starts(triangles.clusters, chosen)
     lists = _memory.lists(int(starts[-1]))
     backless = triangles.single_sided if sides else triangles.single_sided[:0]
@@ -299,7 +300,7 @@ def _bin(
     sides_of = (how.cull, backless, triangles.order)
     clipped = np.empty(((binning.MAX_CLIPPED - 2) * len(crossing), 3), np.int64)
     owners = np.empty(len(clipped), np.int32)
-    count = binning.clip_triangles(points, triangles.listed, crossing, frame, sides_of, clipped, owners)
+    count = binning.clip_triangles(projected[0], triangles.listed, crossing, frame, sides_of, clipped, owners)
     clipped, owners = clipped[:count], owners[:count]
     extra = np.zeros(counts.shape[1], np.int64)
     nothing = np.zeros(0, np.int64)
@@ -316,7 +317,7 @@ def _bin(
         binning.bin_clipped(clipped, first_entry, frame, extra, entries, last)
     order = np.argsort(-per_tile, kind="stable")  # the heaviest tiles first, so that threads end together
     shape = (triangles.faces, triangles.objects, triangles.order, triangles.listed)
-    drawn = Triangles(points, *shape, *lists[:-1], clipped, owners)
+    drawn = Triangles(projected[0], *shape, *lists[:-1], clipped, owners)
     return drawn, Bins(order, begin, entries, np.zeros(1, np.int64))
 
 

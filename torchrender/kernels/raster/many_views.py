@@ -92,6 +92,22 @@ class Found(NamedTuple):
 
 
 @kernel()
+def region_loads(found, runs, size, loads):
+    """Add the triangles of what is in view to the regions that it may touch.
+
+    ``found``: :class:`Found`; ``size``: columns and rows of pixels of a region; ``loads`` (rows, columns) int64.
+    """
+    chosen, boxes, _, _ = found
+    wide, tall = size
+    for n in range(chosen.shape[0]):
+        if boxes[n, 0] > boxes[n, 2] or boxes[n, 1] > boxes[n, 3]:
+            continue
+        for j in range(boxes[n, 1] // tall, boxes[n, 3] // tall + 1):
+            for i in range(boxes[n, 0] // wide, boxes[n, 2] // wide + 1):
+                loads[j, i] += runs[chosen[n], 1] - runs[chosen[n], 0]
+
+
+@kernel()
 def draw_clusters(shape, found, pose, frame, how, tests, room, canvas):
     """Project and draw what may be seen of the clusters; ``pose``: matrix and reference point of the camera.
 

@@ -12,6 +12,8 @@ import numpy as np
 from numba import prange
 
 from torchrender.kernels.compile import kernel
+from torchrender.kernels.raster.lanes.vectors import LANES
+from torchrender.kernels.raster.lanes.vertices import project_lanes
 
 SUBPIXEL_BITS = 15
 SUBPIXEL = 1 << SUBPIXEL_BITS
@@ -71,6 +73,26 @@ def visible_clusters(bounds, planes):
 
 
 @kernel()
+def area_in_view(bounds, runs, seen, scale, frame):
+    """Pixels of squares over the diagonals of clusters, and how many triangles these have.
+
+    ``seen``: clusters, and their distances to the near plane; ``scale``: pixels of a unit at depth 1.
+    """
+    chosen, distance = seen
+    area, triangles = 0.0, np.int64(0)
+    for n in range(chosen.shape[0]):
+        c = chosen[n]
+        square = 0.0
+        for k in range(3):
+            square += (bounds[c, 1, k] - bounds[c, 0, k]) ** 2
+        size = math.sqrt(square)
+        depth = 1.0 if frame.orthographic else frame.near + max(distance[n], 0.0) + 0.5 * size
+        area += (size * scale / depth) ** 2
+        triangles += runs[c, 1] - runs[c, 0]
+    return area, triangles
+
+
+@kernel()
 def needed_blocks(chosen, starts, blocks, vertex_count):
     """Indices of the blocks of BLOCK vertices that the chosen clusters use; starts (C+1,) into blocks."""
     wanted = np.zeros((vertex_count + BLOCK - 1) // BLOCK, np.bool_)
@@ -84,7 +106,12 @@ def needed_blocks(chosen, starts, blocks, vertex_count):
 def project_block(vertices, block, matrix, eye, limits, out, packed):
     """One block of :func:`project_vertices`; ``limits``: near, whether orthographic."""
     near, orthographic = limits
-    for v in range(block * BLOCK, min((block + 1) * BLOCK, vertices.shape[0])):
+    first, end = block * BLOCK, min((block + 1) * BLOCK, vertices.shape[0])
+    whole = end - (end - first) % LANES
+    fixed = (float(GUARD), float(SUBPIXEL), NEEDS_CLIP)
+    for v in range(first, whole, LANES):
+        project_lanes(vertices, np.uintp(v), (matrix, eye), (near, orthographic), out, fixed)
+    for v in range(whole, end):
         x = vertices[v, 0] - eye[0]
         y = vertices[v, 1] - eye[1]
         z = vertices[v, 2] - eye[2]

@@ -8,8 +8,9 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.coverage import NO_BITS, ROW
-from torchrender.kernels.raster.lanes.pixels import same_lanes, write_seen
+from torchrender.kernels.raster.lanes.pixels import same_lanes
 from torchrender.kernels.raster.lanes.rows import TILE_WIDTH
+from torchrender.kernels.raster.lanes.seen import write_mixed, write_seen
 from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import barycentric_planes
 
@@ -83,6 +84,24 @@ def plane_of(scene, t, orthographic, known, planes):
     return slot
 
 
+@kernel(inline=True)
+def know_planes(scene, orthographic, ids, here, known, planes):
+    """Find the planes of LANES pixels' triangles; False where two of these share a place."""
+    fresh = False
+    for k in range(np.uintp(LANES)):
+        t = np.int64(ids[here + k])
+        if t >= 0 and known[np.uintp(t & (CACHED - 1))] != t:
+            plane_of(scene, t, orthographic, known, planes)
+            fresh = True
+    if not fresh:
+        return True
+    every = True
+    for k in range(np.uintp(LANES)):
+        t = np.int64(ids[here + k])
+        every &= (t < 0) | (known[np.uintp(t & (CACHED - 1))] == t)
+    return every
+
+
 @kernel()
 def resolve(scene, frame, place, buffers, outputs):
     """Write a finished tile; planes are kept while one view is drawn, because most triangles span several rows."""
@@ -115,6 +134,14 @@ def resolve(scene, frame, place, buffers, outputs):
             whole = start + np.uintp(LANES) <= count
             rest = ROW >> np.uint64(max(start + np.uintp(LANES), count) - count)
             column = np.float64(start) + shift
+            if same_lanes(ids, here, ids[here]) & rest != rest and know_planes(
+                scene, orthographic, ids, here, known, planes
+            ):
+                write_mixed(
+                    (object_id, barycentric), spot, (rest, whole), (ids, here, np.int32(CACHED - 1)), (planes, objects),
+                    keys, (column, py, not orthographic),
+                )  # fmt: skip
+                continue
             while rest != NO_BITS:
                 t = ids[here + np.uintp(trailing_zeros(rest))]
                 mask = same_lanes(ids, here, t) & rest

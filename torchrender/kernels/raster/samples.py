@@ -34,6 +34,7 @@ class Chunk(NamedTuple):
     b: np.ndarray
     c: np.ndarray
     codes: np.ndarray  # (N,) int64 of :func:`find_samples`
+    found: np.ndarray  # (N,) int64 numbers of those whose code is not 0
 
 
 @kernel()
@@ -42,7 +43,10 @@ def room_for(runs, chosen):
     most = np.int64(0)
     for c in chosen:
         most = max(most, runs[c, 1] - runs[c, 0])
-    return Chunk(np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64))
+    return Chunk(
+        np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64),
+        np.empty(most, np.int64),
+    )  # fmt: skip
 
 
 @kernel()
@@ -58,13 +62,19 @@ def gather_corners(packed, listed, first, count, chunk):
 
 
 @kernel(inline=True)
+def product(one, other):
+    """Of two numbers that 32 bits hold: processors multiply vectors of such in one step, others in eight."""
+    return np.int64(np.int32(one)) * np.int64(np.int32(other))
+
+
+@kernel(inline=True)
 def edge_samples(a, b, turned, px, py):
     """Edge a-b at a snapped point and at those one pixel to the right, below, and both; inside is >= 0."""
     ax, ay = snapped_x(a), snapped_y(a)
     dx, dy = snapped_x(b) - ax, snapped_y(b) - ay
     dx, dy = -dx if turned else dx, -dy if turned else dy
     owns = (dy > 0) | ((dy == 0) & (dx < 0))
-    value = dx * (py - ay) - dy * (px - ax) - (0 if owns else 1)
+    value = product(dx, py - ay) - product(dy, px - ax) - (0 if owns else 1)
     right, down = dy << SUBPIXEL_BITS, dx << SUBPIXEL_BITS
     return value, value - right, value + down, value - right + down
 
@@ -90,7 +100,7 @@ def find_samples(chunk, count, frame, bounds, cull):
         y0 = max((min(ay, min(by, cy)) + (HALF - 1)) >> SUBPIXEL_BITS, low_y)
         x1 = min((max(ax, max(bx, cx)) - HALF) >> SUBPIXEL_BITS, high_x)
         y1 = min((max(ay, max(by, cy)) - HALF) >> SUBPIXEL_BITS, high_y)
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        area = product(bx - ax, cy - ay) - product(by - ay, cx - ax)
         px, py = (x0 << SUBPIXEL_BITS) + HALF, (y0 << SUBPIXEL_BITS) + HALF
         turned = area < 0
         p0, p1, p2, p3 = edge_samples(a, b, turned, px, py)
@@ -108,8 +118,23 @@ def find_samples(chunk, count, frame, bounds, cull):
         codes[n] = CROSSING if crossing else code
 
 
+@kernel()
+def list_found(chunk, count):
+    """Fill ``chunk.found``; returns how many these are. Without a branch, which could not be foretold."""
+    codes, found = borrowed(chunk.codes), borrowed(chunk.found)
+    m = np.uintp(0)
+    for n in range(np.uintp(count)):
+        found[m] = n
+        m += np.uintp(codes[n] != 0)
+    return m
+
+
 @kernel(inline=True)
 def look_at(packed, listed, run, frame, bounds, cull, chunk):
-    """Corners and codes of the triangles of a cluster: those at the places ``run[0]`` to ``run[1] - 1``."""
+    """Corners and codes of the triangles of a cluster: those at the places ``run[0]`` to ``run[1] - 1``.
+
+    Returns how many meet a pixel or may: see :func:`list_found`.
+    """
     gather_corners(packed, listed, run[0], run[1] - run[0], chunk)
     find_samples(chunk, run[1] - run[0], frame, bounds, cull)
+    return list_found(chunk, run[1] - run[0])

@@ -163,7 +163,8 @@ def draw(place, corners, box, high, scene, frame, tests, buffers):
     width, rows = x1 - x0 + 1, y1 - y0 + 1
     if max(width, rows) <= WINDOW and not tested:
         x0, y0 = window_start(x0, y0)
-        bits = window_bits(a, b, c, area, ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF))
+        pixel = ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF)
+        bits = window_bits(a, b, c, area, pixel, y1 - y0 + 1)
         if bits == NO_BITS or is_hidden(high, (x0, y0, buffers.first), bits, keys):
             return np.int64(0)
         plane = plane_in_tile(place, left, top, scene, frame)

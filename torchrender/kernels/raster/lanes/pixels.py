@@ -19,8 +19,6 @@ from torchrender.kernels.raster.lanes.vectors import (
     INTS,
     LANES,
     LONGS,
-    PAIRS,
-    call,
     constant,
     is_nearer,
     key_of,
@@ -31,37 +29,14 @@ from torchrender.kernels.raster.lanes.vectors import (
 )
 
 
-def _store_lanes(builder, values, pointers, lanes):
-    """Those of a mask (uint64); where all pixels are the thread's own, the others are written as they were."""
-    mask, whole = lanes
-    aligned = {PAIRS: 4, LONGS: 8}
-    kinds = {PAIRS: ir.VectorType(ir.IntType(32), 2 * LANES), LONGS: LONGS}
-    with builder.if_else(builder.icmp_unsigned("==", mask, ir.Constant(I64, 255))) as (every, some):
-        with every:
-            for value, pointer in zip(values, pointers, strict=True):
-                builder.store(value, pointer).align = aligned[value.type]
-        with some, builder.if_else(whole) as (blended, masked):
-            with blended:
-                for value, pointer in zip(values, pointers, strict=True):
-                    held = builder.load(pointer)
-                    held.align = aligned[value.type]
-                    chosen = builder.select(lanes_of(builder, mask, kinds[value.type]), value, held)
-                    builder.store(stored_whole(builder, chosen), pointer).align = aligned[value.type]
-            with masked:
-                for value, pointer in zip(values, pointers, strict=True):
-                    bits = lanes_of(builder, mask, kinds[value.type])
-                    name = f"llvm.masked.store.v{value.type.count}{'f32' if value.type == PAIRS else 'i64'}.p0"
-                    align = ir.Constant(ir.IntType(32), aligned[value.type])
-                    call(builder, name, ir.VoidType(), [value, pointer, align, bits])
-
-
 @intrinsic
-def covered_window(typingctx, edges):  # noqa: ARG001
+def covered_window(typingctx, edges, tall):  # noqa: ARG001
     """uint64 with a bit for each pixel of 8 x 8 that lies inside three edges: bit ``8 y + x``.
 
-    ``edges``: values at the first pixel, steps along x and steps along y, three int64 each; inside is >= 0.
+    ``edges``: values at the first pixel, steps along x and steps along y, three int64 each; inside is >= 0. ``tall``:
+    whether more than the first four rows are looked at.
     """
-    signature = types.uint64(types.UniTuple(types.int64, 9))
+    signature = types.uint64(types.UniTuple(types.int64, 9), types.boolean)
 
     def generate(context, builder, sig, args):  # noqa: ARG001
         parts = cgutils.unpack_tuple(builder, args[0], 9)
@@ -71,16 +46,26 @@ def covered_window(typingctx, edges):  # noqa: ARG001
             across = builder.mul(splat(builder, LONGS, parts[3 + k]), columns)
             values.append(builder.add(splat(builder, LONGS, parts[k]), across))
             steps.append(splat(builder, LONGS, parts[6 + k]))
-        bits = ir.Constant(I64, 0)
-        for y in range(8):
-            signs = builder.or_(builder.or_(values[0], values[1]), values[2])
-            inside = builder.icmp_signed(">=", signs, constant(LONGS, [0] * LANES))
-            row = builder.zext(builder.bitcast(inside, I8), I64)
-            bits = builder.or_(bits, builder.shl(row, ir.Constant(I64, LANES * y)))
-            values = [builder.add(v, s) for v, s in zip(values, steps, strict=True)]
-        return bits
+        upper, values = _covered_rows(builder, values, steps, range(4))
+        bits = cgutils.alloca_once_value(builder, upper)
+        with builder.if_then(args[1]):
+            lower, _ = _covered_rows(builder, values, steps, range(4, 8))
+            builder.store(builder.or_(upper, lower), bits)
+        return builder.load(bits)
 
     return signature, generate
+
+
+def _covered_rows(builder, values, steps, rows):
+    """Bits of some rows of a window, given the edges in the first of them; and the edges in the row behind."""
+    bits = ir.Constant(I64, 0)
+    for y in rows:
+        signs = builder.or_(builder.or_(values[0], values[1]), values[2])
+        inside = builder.icmp_signed(">=", signs, constant(LONGS, [0] * LANES))
+        row = builder.zext(builder.bitcast(inside, I8), I64)
+        bits = builder.or_(bits, builder.shl(row, ir.Constant(I64, LANES * y)))
+        values = [builder.add(v, s) for v, s in zip(values, steps, strict=True)]
+    return bits, values
 
 
 @intrinsic
@@ -230,59 +215,3 @@ def same_lanes(typingctx, ids, place, t):  # noqa: ARG001
         return builder.zext(builder.bitcast(same, I8), I64)
 
     return signature, generate
-
-
-@intrinsic
-def write_seen(typingctx, images, place, lanes, owner, planes, depths, source):  # noqa: ARG001
-    """Object and barycentric weights of a triangle into some of the pixels from ``place`` = row, column on.
-
-    ``images``: (H,W) int64 and (H,W,2) float32; ``lanes``: a mask of the pixels, and whether all LANES of them lie
-    within the part of the image that the thread writes; ``planes``: steps along x and values at column 0 of the second
-    and third weight over depth, and the first column; ``source``: first of ``depths`` and whether these count.
-    """
-    if any(image.layout != "C" for image in images):
-        return None
-    signature = types.void(
-        images, types.UniTuple(types.uintp, 2), types.Tuple((types.uint64, types.boolean)), types.int64,
-        types.UniTuple(types.float64, 5), depths, types.Tuple((types.uintp, types.boolean)),
-    )  # fmt: skip
-
-    def generate(context, builder, sig, args):
-        images_, place_, lanes_, owner_, planes_, depths_, source_ = args
-        ux, uc, vx, vc, column = (splat(builder, DOUBLES, p) for p in cgutils.unpack_tuple(builder, planes_, 5))
-        first, weighted = cgutils.unpack_tuple(builder, source_, 2)
-        depth = builder.load(place_of(context, builder, sig.args[5], depths_, first, DOUBLES))
-        depth.align = 8
-        one, zero = (constant(DOUBLES, [value] * LANES) for value in (1.0, 0.0))
-        depth = builder.select(weighted, depth, one)
-        x = builder.fadd(constant(DOUBLES, [float(k) for k in range(LANES)]), column)
-        u = builder.fmul(builder.fadd(builder.fmul(ux, x), uc), depth)
-        v = builder.fmul(builder.fadd(builder.fmul(vx, x), vc), depth)
-        u = builder.select(builder.fcmp_ordered(">", u, zero), u, zero)
-        u = builder.select(builder.fcmp_ordered("<", u, one), u, one)
-        most = builder.fsub(one, u)
-        v = builder.select(builder.fcmp_ordered(">", v, zero), v, zero)
-        v = builder.select(builder.fcmp_ordered("<", v, most), v, most)
-        both = ir.Constant(ir.VectorType(ir.IntType(32), 2 * LANES), [k // 2 + k % 2 * LANES for k in range(2 * LANES)])
-        pairs = builder.shuffle_vector(builder.fptrunc(u, FLOATS), builder.fptrunc(v, FLOATS), both)
-        values = (splat(builder, LONGS, owner_), pairs)
-        arrays = cgutils.unpack_tuple(builder, images_, 2)
-        places = [
-            _image_place(context, builder, kind, array, place_, value.type)
-            for kind, array, value in zip(sig.args[0], arrays, values, strict=True)
-        ]
-        _store_lanes(builder, values, places, cgutils.unpack_tuple(builder, lanes_, 2))
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-def _image_place(context, builder, kind, array, place, vector):
-    """Pixel ``place`` = row, column of a contiguous image."""
-    view = context.make_array(kind)(context, builder, array)
-    row, column = cgutils.unpack_tuple(builder, place, 2)
-    shape = cgutils.unpack_tuple(builder, view.shape, kind.ndim)
-    index = builder.add(builder.mul(row, shape[1]), column)
-    if kind.ndim == 3:
-        index = builder.mul(index, shape[2])
-    return builder.bitcast(cgutils.gep_inbounds(builder, view.data, index), vector.as_pointer())

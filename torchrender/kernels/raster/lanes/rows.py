@@ -18,6 +18,7 @@ from torchrender.kernels.raster.lanes.vectors import (
     INTS,
     LANES,
     LONGS,
+    as_doubles,
     call,
     constant,
     is_nearer,
@@ -86,13 +87,13 @@ class _Edge:
         """
         value = builder.load(self.value)
         builder.store(builder.add(value, self.on), self.value)
-        guess = builder.fmul(builder.sitofp(value, DOUBLES), self.inverse)
+        guess = builder.fmul(as_doubles(builder, value), self.inverse)
         guess = builder.select(builder.fcmp_ordered("<", guess, self.least), self.least, guess)
         guess = builder.select(builder.fcmp_ordered(">", guess, self.most), self.most, guess)
         # The floor of a number is minus the ceiling of minus the number: one way for both ends.
         wide = builder.fsub(builder.fmul(guess, self.turn), constant(DOUBLES, [HAIR] * LANES))
         wide = builder.fmul(call(builder, f"llvm.ceil.v{LANES}f64", DOUBLES, [wide]), self.turn)
-        x = builder.fptosi(wide, LONGS)
+        x = builder.sext(builder.fptosi(wide, INTS), LONGS)  # from -1 to the width of a tile
         outside = builder.icmp_signed("<", builder.add(value, builder.mul(self.across, x)), _NONE)
         x = builder.add(x, builder.select(outside, self.sign, _NONE))
         begin = builder.select(builder.icmp_signed(">", x, first), x, first)

@@ -32,6 +32,19 @@ def place_of(context, builder, kind, array, index, vector):
     return builder.bitcast(element(context, builder, kind, array, index), vector.as_pointer())
 
 
+def as_doubles(builder, values):
+    """LANES int64, each rounded to the nearest float64. Processors with vectors of 256 bits convert them one by one.
+
+    Each half of a number, put into the digits of a large float64, is exact there; the only rounding is that of the sum.
+    """
+    whole, half = constant(LONGS, [32] * LANES), constant(LONGS, [(1 << 32) - 1] * LANES)
+    low = builder.or_(builder.and_(values, half), constant(LONGS, [0x43300000 << 32] * LANES))  # 2^52 + low
+    high = builder.xor(builder.lshr(values, whole), constant(LONGS, [0x4530000080000000] * LANES))
+    # 2^84 + 2^63 + high, of which all but the last is taken off, and the 2^52 of the lower half.
+    high = builder.fsub(builder.bitcast(high, DOUBLES), constant(DOUBLES, [2.0**84 + 2.0**63 + 2.0**52] * LANES))
+    return builder.fadd(high, builder.bitcast(low, DOUBLES))
+
+
 def lanes_of(builder, bits, kind=LONGS):
     """Of a mask (uint64), a bit for one or more lanes of this kind each: compared, as bits are taken apart singly."""
     own = constant(kind, [1 << (k * LANES // kind.count) for k in range(kind.count)])
