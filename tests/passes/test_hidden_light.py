@@ -120,7 +120,7 @@ def test_who_does_not_look_around() -> None:
     assert eye_visibility(scene, seen, 0.0) is None
     five = rasterize(scene, eye[[0] * 5])
     assert eye_visibility(scene, five, math.inf) is None
-    flat = tr.Cameras.look_at([0.0, 1.5, 0.0], [1.0, 1.5, 0.0], width=8, height=8, orthographic=True)
+    flat = tr.Cameras.orthographic_view([0.0, 1.5, 0.0], [1.0, 1.5, 0.0], width=8, height=8, view_height=1.0)
     assert eye_visibility(scene, rasterize(scene, flat), math.inf) is None
 
 
