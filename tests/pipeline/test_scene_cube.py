@@ -13,14 +13,18 @@ import torchrender.pipeline.scene_cube as scene_cube
 from reflection_scenes import placed, sphere_scene
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.scene_cube import enclosing_solids
+from torchrender.pipeline.scene_cube import middle_solids
 from torchrender.report.common.hits import hit_shader
 from torchrender.scene.environment import Environment
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import box
 
-NOBODY = torch.zeros(0, 3, dtype=torch.float64)
+
+def left_out(scene: Scene, *eyes: tuple[float, float, float]) -> list[int]:
+    """Objects that the middle does not see from inside."""
+    points = torch.tensor(eyes, dtype=torch.float64).reshape(-1, 3)
+    return [solid.number for solid in middle_solids(scene.geometry) if not solid.holds(points)]
 
 
 def room(*others: object) -> Scene:
@@ -40,17 +44,35 @@ def room(*others: object) -> Scene:
 def test_a_solid_in_the_middle_is_left_out_and_a_room_is_not() -> None:
     ball = placed(box(torch.ones(3)), (0.0, 0.0, 0.0), 0)
     scene = room(ball)
-    assert enclosing_solids(scene.geometry, NOBODY).tolist() == [1]
+    assert left_out(scene) == [1]
     aside = room(placed(box(torch.ones(3)), (1.5, 0.0, 0.0), 0))
-    assert enclosing_solids(aside.geometry, NOBODY).tolist() == []
-    assert enclosing_solids(sphere_scene().geometry, NOBODY).tolist() == [0]
+    assert left_out(aside) == []
+    assert left_out(sphere_scene()) == [0]
 
 
 def test_what_holds_the_eye_stays() -> None:
     empty = room()
-    assert enclosing_solids(empty.geometry, NOBODY).tolist() == [0]
-    eye = torch.tensor([[1.0, 0.5, 0.0]])
-    assert enclosing_solids(empty.geometry, eye).tolist() == []
+    assert left_out(empty) == [0]
+    assert left_out(empty, (1.0, 0.5, 0.0)) == []
+    assert left_out(empty, (4.0, 0.5, 0.0)) == [0]
+
+
+def test_solids_are_looked_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eyes that move outside the box of what stands in the middle ask no triangle of it."""
+    asked = []
+    found = scene_cube.winding_number
+    monkeypatch.setattr(
+        scene_cube, "winding_number", lambda corners, points: (asked.append(len(points)), found(corners, points))[1]
+    )
+    scene = room(placed(box(torch.ones(3)), (0.0, 0.0, 0.0), 0))
+    shader = hit_shader(scene, RenderOptions(shadows=False))
+    ahead = torch.tensor([[0.0, 0.0, 1.0]])
+    shader.environment(ahead, torch.tensor([[2.0, 0.0, 0.0]]))
+    first = len(asked)
+    shader.environment(ahead, torch.tensor([[2.1, 0.0, 0.0]]))
+    assert first > 0 and len(asked) == first
+    shader.environment(ahead, torch.tensor([[0.1, 0.0, 0.0]]))
+    assert len(asked) == first + 1
 
 
 def test_guesses_see_the_walls_and_not_the_inside_of_the_mirror() -> None:

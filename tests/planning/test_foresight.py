@@ -99,6 +99,18 @@ def test_whole_pictures_tell_the_factor_and_both_tails() -> None:
     assert alike.factor == pytest.approx(2.0) and alike.above == alike.below == LEAST_TAIL
 
 
+def test_tails_hold_nine_of_ten_pictures_to_come() -> None:
+    """Not of those that they were found by: of few, quantiles as they are hold too little."""
+    generator = np.random.default_rng(7)
+    held = []
+    for _ in range(400):
+        offs = generator.normal(0.0, 0.5, 31)
+        joint = joint_of_pictures([(0.02 * math.exp(off), Expected(0.02, 0.3)) for off in offs[:-1]])
+        low, high = (0.02 * joint.factor * math.exp(tail * 0.3) for tail in (-joint.below, joint.above))
+        held.append(low <= 0.02 * math.exp(offs[-1]) <= high)
+    assert 0.88 <= float(np.mean(held)) <= 0.97
+
+
 def test_lines_go_through_json() -> None:
     line = Line(-2.0, 0.5, -3.0, -2.1, 0.9, 0.2)
     assert parse_lines({"gbuffer": {"1": line.to_list()}}) == {"gbuffer": {"1": line}}

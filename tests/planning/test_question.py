@@ -9,6 +9,7 @@ import pytest
 
 import torchrender as tr
 from torchrender.clock import StepClock
+from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.reflections import LOOK_MS, YOUNG
 from torchrender.passes.senses import closely
@@ -17,6 +18,7 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
+from torchrender.planning import question
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.curves import load_curves
 from torchrender.planning.question import Question
@@ -112,3 +114,14 @@ def test_sensing_looks_around_only_where_a_budget_affords_it(washroom: Scene) ->
         assert image.history is not None and image.history.pace is not None
         seen[budget] = sense_of(closely("reflections")) in image.history.pace.known
     assert seen == {0.5 * LOOK_MS: False, 1e7: True}
+
+
+def test_what_settings_show_in_is_found_without_options_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Options check all their values: hundreds of them made the second picture of a process late."""
+
+    def refused() -> RenderOptions:
+        raise AssertionError("options made anew")
+
+    monkeypatch.setattr(question, "RenderOptions", refused)
+    shown = {step.name for step in PASSES if question._shows_in.__wrapped__(SHADOW_MAP, step)}
+    assert "shadow_map" in shown and "resample" not in shown

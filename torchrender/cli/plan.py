@@ -150,7 +150,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     from torchrender.scene.procedural import SCENES
     from torchrender.scene.procedural.anything import anything
     from torchrender.tuning.calibrate import calibrate
-    from torchrender.tuning.unseen import JOINT_SCENES, SEEDS, joint_of
+    from torchrender.tuning.unseen import HELD_OUT, joint_of
 
     if arguments.side is not None and not 32 <= arguments.side <= 4096:
         raise InputError(f"--side must be in [32, 4096], got {arguments.side}")
@@ -168,7 +168,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
     write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     if known is None:  # how errors of whole pictures compare with these curves
         os.environ[ENVIRONMENT] = str(path)
-        curves["joint"] = joint_of(anything(seed) for seed in SEEDS[:JOINT_SCENES])
+        curves["joint"] = joint_of(anything(seed) for seed in HELD_OUT)
         write_atomically(path, text_writer(json.dumps(curves, separators=(",", ":")) + "\n"))
     return path
 

@@ -19,7 +19,7 @@ from torchrender.effects.reflections.reflectors import (
 )
 from torchrender.pipeline.frame import SampleRenderer
 from torchrender.pipeline.hit_memory import HitMemory, keys_of
-from torchrender.pipeline.scene_cube import SceneCube, enclosing_solids, make_cube
+from torchrender.pipeline.scene_cube import SceneCube, Solid, make_cube, middle_solids
 from torchrender.pipeline.sky_pyramid import SkyPyramid
 from torchrender.scene.model import Scene
 from torchrender.shading.mirrors import mirror_values
@@ -54,7 +54,6 @@ class HitShader:
         self._light_of_many = light if light_of_many is None else light_of_many
         self._light_around = light if light_around is None else light_around
         self._cubes: dict[tuple[int, ...], SceneCube] = {}
-        self._solids: tuple[Tensor, tuple[int, ...]] | None = None  # eyes, and what is left out for them
 
     def __call__(self, rays: ReflectedRays, hits: RayHits, onward: Onward | None = None) -> Tensor:
         """Radiance (N,3) towards the rays' origins; ``onward`` knows what mirrors among the hits show."""
@@ -146,6 +145,11 @@ class HitShader:
         assert self.scene.environment is not None
         return SkyPyramid.of(self.scene.environment)
 
+    @cached_property
+    def _solids(self) -> tuple[Solid, ...]:
+        """What the middle does not see from inside, but for eyes in it."""
+        return middle_solids(self.scene.geometry)
+
     @property
     def looked_around(self) -> bool:
         """The scene was drawn from its middle."""
@@ -153,10 +157,7 @@ class HitShader:
 
     def _cube(self, eyes: Tensor | None) -> SceneCube:
         """The scene as its middle sees it."""
-        own = torch.zeros(0, 3, dtype=torch.float64) if eyes is None else eyes.double()
-        if self._solids is None or not torch.equal(self._solids[0], own):
-            self._solids = own, tuple(enclosing_solids(self.scene.geometry, own).tolist())
-        left_out = self._solids[1]
+        left_out = tuple(one.number for one in self._solids if eyes is None or not one.holds(eyes.double()))
         if left_out not in self._cubes:
             some = torch.tensor(left_out, dtype=torch.int64)
             self._cubes[left_out] = make_cube(self.scene, self._light_around, self.surrounding, some)

@@ -83,8 +83,23 @@ def make_cube(scene: Scene, light: SampleRenderer, surrounding: Surrounding, lef
     return cube
 
 
-def enclosing_solids(geometry: Geometry, eyes: Tensor) -> Tensor:
-    """(K,) int64 objects that enclose the middle of the scene, and hold neither an eye (B,3) nor another object."""
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed object: its number, the corners (F,3,3) of its triangles, and its box."""
+
+    number: int
+    corners: Tensor
+    low: Tensor  # (3,) float64
+    high: Tensor
+
+    def holds(self, points: Tensor) -> bool:
+        """Any of the points (N,3) float64 is inside; outside its box none is."""
+        near = points[((self.low <= points) & (points <= self.high)).all(-1)]
+        return len(near) > 0 and bool((winding_number(self.corners, near).abs() > _INSIDE).any())
+
+
+def middle_solids(geometry: Geometry) -> tuple[Solid, ...]:
+    """Objects that enclose the middle of the scene and hold no other object."""
     middle = geometry.bounds.mean(dim=0)
     owner = geometry.object_id[geometry.order[geometry.clusters[:, 0]].long()]
     boxes = geometry.cluster_bounds
@@ -98,14 +113,14 @@ def enclosing_solids(geometry: Geometry, eyes: Tensor) -> Tensor:
     found = []
     for number in around.tolist():
         corners = geometry.vertices[geometry.faces[geometry.object_id == number].long()]
-        if not bool(winding_number(corners, middle[None]).abs() > _INSIDE):
+        solid = Solid(number, corners, low[number], high[number])
+        if not solid.holds(middle[None].double()):
             continue
         others = present[present != number]
         held = others[((low[number] <= low[others]) & (high[others] <= high[number])).all(-1)]
-        looked_at = torch.cat([eyes.double(), (low + high)[held][:_SAMPLES] / 2])
-        if not bool((winding_number(corners, looked_at).abs() > _INSIDE).any()):
-            found.append(number)
-    return torch.tensor(found, dtype=torch.int64)
+        if not solid.holds((low + high)[held][:_SAMPLES] / 2):
+            found.append(solid)
+    return tuple(found)
 
 
 def _without(scene: Scene, left_out: Tensor) -> Scene:

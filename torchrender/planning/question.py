@@ -23,6 +23,8 @@ from torchrender.planning.graph import AnyBuffer, layers
 
 T = TypeVar("T")
 
+USUAL = RenderOptions()
+
 Combination = Mapping[str, str]
 """A setting for every pass with open settings, by its name."""
 
@@ -258,6 +260,6 @@ def lasting_of(step: Pass) -> AnyBuffer | None:
 def _shows_in(buffer: AnyBuffer, step: Pass) -> bool:
     """The pass's settings make a difference to what the buffer was made with."""
     assert buffer.lasting is not None
-    usual = buffer.lasting.options(RenderOptions())
+    usual = buffer.lasting.options(USUAL)
     settings: Sequence[Setting] = step.settings.all
-    return any(not same(buffer.lasting.options(s.applied(RenderOptions())), usual) for s in settings)
+    return any(not same(buffer.lasting.options(s.applied(USUAL)), usual) for s in settings)

@@ -170,7 +170,11 @@ def _finer(light: Light, scene: Scene, options: RenderOptions, size: int | tuple
 def _shown_elsewhere(outlook: Outlook) -> bool:
     if outlook.options.media and outlook.scene.media:  # what floats shows shadows of what the eye does not see
         return True
-    return outlook.options.reflections != "off" and any(m.is_reflector for m in outlook.scene.materials)
+    return outlook.options.reflections != "off" and outlook.fact(_has_reflector)
+
+
+def _has_reflector(scene: Scene, _: Cameras) -> bool:
+    return any(material.is_reflector for material in scene.materials)
 
 
 def views(light: Light) -> int:
@@ -204,9 +208,15 @@ def amounts(outlook: Outlook) -> Amounts:
 
 def _fitted_already(outlook: Outlook) -> bool:
     """The picture's maps were drawn for an eye that still stands there."""
-    place = _place(outlook.cameras)
     maps = [one for one in outlook.kept(SHADOW_MAP) or () if one is not None and one.fitted_to is not None]
-    return bool(maps) and all(same((one.fitted_to or ())[: len(place)], place) for one in maps)
+    if not maps:
+        return False
+    place = outlook.fact(_eye)
+    return all(same((one.fitted_to or ())[: len(place)], place) for one in maps)
+
+
+def _eye(_: Scene, cameras: Cameras) -> tuple[Any, ...]:
+    return _place(cameras)
 
 
 def _fitted(light: Light, cascades: int | None) -> int:

@@ -37,7 +37,7 @@ from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender.scene.procedural.anything import anything
 from torchrender.tuning.measure import exact_options
-from torchrender.tuning.unseen import SEEDS
+from torchrender.tuning.unseen import HELD_OUT, SEEDS
 
 DATA = "TORCHRENDER_DATA"
 FILES = (
@@ -72,7 +72,7 @@ QUICK = StudyOptions(random=1, files=(), sides=(48,), budgets_ms=(50.0,), bounds
 
 def scenes(study: StudyOptions) -> Iterator[tuple[str, Scene]]:
     """Random ones, then files."""
-    assert max(SEEDS) < FIRST_SEED
+    assert max(*SEEDS, *HELD_OUT) < FIRST_SEED
     for number in range(study.random):
         yield f"random {number}", anything(FIRST_SEED + number)
     folder = Path(os.environ.get(DATA, "../shared/data"))
