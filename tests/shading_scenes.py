@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from torchrender.numerics.color import srgb_from_linear
+from torchrender.numerics.texels.coded import CodedTexture
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment, latlong_directions
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
-from torchrender.scene.material import Material, Sampler
+from torchrender.scene.material import TEXTURES, Material, Sampler
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.scene.shapes import sphere
@@ -107,6 +110,28 @@ def materials() -> tuple[Material, ...]:
             samplers={"diffuse_texture": Sampler(filter="bilinear")},
         ),
     )
+
+
+def as_codes(scene: Scene) -> Scene:
+    """The same with textures rounded to 8 bits and kept so, colours as sRGB."""
+    made: dict[int, CodedTexture] = {}
+    materials = []
+    for material in scene.materials:
+        changed: dict[str, Any] = {}
+        for name in TEXTURES:
+            texture = getattr(material, name)
+            if texture is None:
+                continue
+            colors = 3 if name in COLORS else 0
+            if id(texture) not in made:
+                shown = torch.cat([srgb_from_linear(texture[..., :colors]), texture[..., colors:]], dim=-1)
+                made[id(texture)] = CodedTexture((shown.clamp(0, 1) * 255 + 0.5).byte().numpy(), colors)
+            changed[name] = made[id(texture)]
+        materials.append(replace(material, **changed))
+    return scene.replace(materials=tuple(materials))
+
+
+COLORS = ("diffuse_texture", "emission_texture", "specular_texture")
 
 
 def ball(number: int, material: int) -> Mesh:

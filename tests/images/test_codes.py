@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from torchrender.images import coded
 from torchrender.images.coded import linear, scaled
 from torchrender.numerics.color import srgb_table
+from torchrender.numerics.texels import coded
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])

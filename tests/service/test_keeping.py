@@ -19,7 +19,8 @@ from torch import Tensor
 import torchrender as tr
 from gltf_builder import Glb
 from torchrender.errors import InputError
-from torchrender.numerics.texture import build_pyramid, halved
+from torchrender.numerics.texels.coded import CodedTexture, codes_of
+from torchrender.numerics.texture import build_pyramid, halved, halved_texture
 from torchrender.pipeline.buffer import Buffer, Lasting
 from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -43,7 +44,7 @@ from torchrender_service.renderers.jobs import (
 )
 from torchrender_service.renderers.keeping.lasting import SELDOM, LastingParts
 from torchrender_service.renderers.keeping.sizes import bytes_of
-from torchrender_service.renderers.keeping.textures import bounded, bytes_of_levels, textures_of, within
+from torchrender_service.renderers.keeping.textures import CODED_BYTES, bounded, bytes_of_levels, textures_of, within
 from torchrender_service.renderers.streaming.ahead import first_keyframe
 from torchrender_service.renderers.streaming.stream_renderer import STREAM
 
@@ -170,6 +171,17 @@ def test_textures_of_a_scene_take_no_more_than_they_may() -> None:
     assert bytes_of_levels(scene) == int(4 / 3 * (large.nbytes + small.nbytes))
 
 
+def test_textures_of_codes_count_as_what_they_take() -> None:
+    codes = CodedTexture(np.zeros((64, 128, 3), np.uint8), 3)
+    scene = tr.Scene(materials=(Material(diffuse_texture=codes),))
+    assert bytes_of_levels(scene) == int(5 / 3 * codes.codes.nbytes) and bytes_of(scene) < 2 * codes.codes.nbytes
+    render = tr.render(scene.replace(meshes=(tr.Mesh.plane(2),)), width=16, height=16)
+    assert render.radiance.shape == (1, 16, 16, 3) and codes.codes is not None, "a picture leaves it as it is"
+    assert within(scene, 64 * 128 * CODED_BYTES) is scene
+    (cut,) = within(scene, 64 * 128 * CODED_BYTES - 1).materials
+    assert codes_of(cut.diffuse_texture) is not None and cut.diffuse_texture.shape == (32, 64, 3)
+
+
 @pytest.mark.parametrize("shape", [(7, 5, 3), (1, 9, 4), (600, 4, 1), (2, 2, 3)])
 def test_halves_are_means(shape: tuple[int, int, int]) -> None:
     texture = torch.rand(*shape)
@@ -193,13 +205,13 @@ def test_pictures_are_made_smaller_as_they_are_read(tmp_path: Path, size: tuple[
         made.json["materials"].append({"pbrMetallicRoughness": {"baseColorTexture": {"index": number}}})
         made.json["nodes"].append({"mesh": made.mesh(material=number, TEXCOORD_0=uv)})
     path = made.write(tmp_path / "two.glb")
-    whole, most = tr.load(path), 64 * 48 // 4 * 28
+    whole, most = tr.load(path), 64 * 48 // 4 * CODED_BYTES
     with bounded(most) as bound:
         small = tr.load(path)
     assert sum(bound.lost.values()) == 2
     for before, after in zip(whole.materials, small.materials, strict=True):
         (large,), (little,) = textures_of(before).values(), textures_of(after).values()
-        assert torch.allclose(little, halved(large), atol=1e-6)
+        assert torch.equal(little, halved_texture(large)) and codes_of(little) is not None
     told = within(small, None, bound.lost).report.plain()["not_used"]
     assert told == [f"texels of a texture of {size[0]} x {size[1]}: {size[0] // 2} x {size[1] // 2} are kept (2)"]
     again = [textures_of(one)["diffuse_texture"].shape for one in tr.load(path).materials]

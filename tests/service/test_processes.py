@@ -35,6 +35,7 @@ from torchrender_service.renderers.jobs import (
     Job,
     MakeLayers,
     Render,
+    Reply,
     SceneSource,
     SentTask,
     Tradeoff,
@@ -59,6 +60,7 @@ from torchrender_service.renderers.jobs import TASK_DECODER, Cancel, Failure, Re
 out, encode, head = os.fdopen(1, 'wb', buffering=0), msgspec.msgpack.Encoder().encode, struct.Struct('<Q')
 def send(reply):
     data = encode(reply); out.write(head.pack(len(data)) + data)
+send(Reply(result={'begun': True}))
 send(Reply(result={'ready': True}))
 lock, held, names = threading.Lock(), {}, []
 def read():
@@ -202,6 +204,52 @@ def test_a_renderer_that_is_killed_while_idle_lives_again_at_once(monkeypatch: p
         assert stage.count("renderer_evictions", renderer="0") == 2
 
     stage.run(play())
+
+
+def test_a_spare_process_is_stopped_only_when_it_would_go_on_without_its_parent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Stopped before that it would stand for ever where the server is killed."""
+
+    class Begun:
+        def __init__(self) -> None:
+            self.stdout, self.returncode, self.pid = asyncio.StreamReader(), 0, 1
+            self.stdin = None
+
+        async def wait(self) -> int:
+            return 0
+
+        def say(self, what: str) -> None:
+            data = msgspec.msgpack.encode(Reply(result={what: True}))
+            self.stdout.feed_data(worker.LENGTH.pack(len(data)) + data)
+
+    joined: list[object] = []
+
+    async def play() -> None:
+        process = Begun()
+
+        async def begin(kind: Kind) -> Any:
+            del kind
+            return process
+
+        monkeypatch.setattr(processes, "begin_process", begin)
+        pauses = Pauses()
+        monkeypatch.setattr(pauses, "join", joined.append)
+        spare = Spare(Kind(name="spare", memory_mb=512, job_s=60.0), pauses)
+        spare.prepare()
+        for _ in range(5):
+            await asyncio.sleep(0)
+        assert joined == []
+        process.say(worker.BEGUN)
+        while not joined:
+            await asyncio.sleep(0)
+        assert joined == [process] and spare.pid is None
+        process.say(worker.READY)
+        while spare.pid is None:
+            await asyncio.sleep(0)
+        await spare.stop()
+
+    asyncio.run(asyncio.wait_for(play(), 30.0))
 
 
 def test_a_renderer_has_the_scenes_that_it_has_done_jobs_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.numerics.texture import halved
+from torchrender.numerics.texels.coded import CodedTexture
+from torchrender.numerics.texels.halving import halved
+from torchrender.numerics.texels.levels import halved_codes
 
 ROWS = 256
 """Of the smaller picture, that are made at a time."""
@@ -24,6 +26,7 @@ class Bound:
     """Of each picture."""
 
     pixels: int | None  # None: there is none
+    coded: int | None  # of one that is kept as codes
     lost: Counter[str] = field(default_factory=Counter)  # what was made smaller, in words
 
 
@@ -31,9 +34,13 @@ _BOUND: ContextVar[Bound | None] = ContextVar("bound", default=None)
 
 
 @contextmanager
-def at_most(pixels: int | None) -> Iterator[Bound]:
-    """Pictures that are read inside have so many pixels at most: larger ones are halved, by means of two by two."""
-    bound = Bound(pixels)
+def at_most(pixels: int | None, coded: int | None = None) -> Iterator[Bound]:
+    """Pictures that are read inside have so many pixels at most: larger ones are halved, by means of two by two.
+
+    Args:
+        coded: of textures that are kept as codes; None: as of others.
+    """
+    bound = Bound(pixels, pixels if coded is None else coded)
     token = _BOUND.set(bound)
     try:
         yield bound
@@ -57,6 +64,18 @@ def converted(codes: np.ndarray[Any, Any], convert: Callable[[np.ndarray[Any, An
         made = halved(made)
     bound.lost[smaller(codes.shape, made.shape)] += 1
     return made
+
+
+def kept_as_codes(codes: np.ndarray[Any, Any], colors: int) -> CodedTexture:
+    """(H,W,C) 8-bit codes as a texture, halved until they keep to the bound."""
+    bound, made = _BOUND.get(), codes
+    if bound is None or bound.coded is None:
+        return CodedTexture(codes, colors)
+    while made.shape[0] * made.shape[1] > bound.coded:
+        made = halved_codes(made, colors)
+    if made is not codes:
+        bound.lost[smaller(codes.shape, made.shape)] += 1
+    return CodedTexture(made, colors)
 
 
 def smaller(before: tuple[int, ...], after: tuple[int, ...]) -> str:

@@ -15,11 +15,11 @@ from torch import Tensor
 
 from torchrender.errors import ImageFileError
 from torchrender.numerics.color import srgb_table
+from torchrender.numerics.texels.coded import Array, looked_up, room_for
 
-Array = np.ndarray[Any, Any]
-
-_CACHED = 1 << 16
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA")
+_STRIP = 1 << 20
+"""Bytes of a picture that are taken from Pillow at a time."""
 _FILTERS = threading.Lock()
 """Filters of warnings are the process's: only one thread at a time may set them aside."""
 PIXELS_PER_BYTE = {"PNG": 8 * 1032, "JPEG": 1024, "TGA": 128}
@@ -75,8 +75,13 @@ def _codes(picture: Image.Image) -> Array:
         picture = picture.convert("RGBA" if clear else "L" if grey else "RGB")
     elif "transparency" in picture.info:
         picture = picture.convert("LA" if picture.mode == "L" else "RGBA")
-    codes = np.asarray(picture)
-    return codes[..., None] if codes.ndim == 2 else codes
+    width, height = picture.size
+    codes = room_for((height, width, len(picture.getbands())), np.uint8)
+    rows = max(_STRIP // max(width * codes.shape[2], 1), 1)
+    for row in range(0, height, rows):  # the whole at once would be copied several times
+        strip = picture if rows >= height else picture.crop((0, row, width, min(row + rows, height)))
+        codes[row : row + rows] = np.asarray(strip).reshape(-1, *codes.shape[1:])
+    return codes
 
 
 def _deep_png(data: bytes, name: str | Path) -> Array:
@@ -97,13 +102,13 @@ def _deep_png(data: bytes, name: str | Path) -> Array:
 def scaled(codes: Array) -> Tensor:
     """(H,W,C) float32 in [0,1]."""
     plain = _shares(codes.dtype)
-    return _looked_up(codes, plain, plain, codes.shape[2])
+    return torch.from_numpy(looked_up(codes, plain, plain, codes.shape[2]))
 
 
 def linear(codes: Array) -> Tensor:
     """(H,W,C) float32 linear light; alpha is only scaled."""
     table = srgb_table(8 * codes.dtype.itemsize).numpy()
-    return _looked_up(codes, table, _shares(codes.dtype), 1 if codes.shape[2] <= 2 else 3)
+    return torch.from_numpy(looked_up(codes, table, _shares(codes.dtype), 1 if codes.shape[2] <= 2 else 3))
 
 
 def _shares(kind: np.dtype[Any]) -> Array:
@@ -111,15 +116,3 @@ def _shares(kind: np.dtype[Any]) -> Array:
     most = np.iinfo(kind).max
     shares: Array = np.arange(most + 1, dtype=np.float32) / np.float32(most)
     return shares
-
-
-def _looked_up(codes: Array, table: Array, plain: Array, colors: int) -> Tensor:
-    """What tables (K,) say of each code: the first ``colors`` channels by ``table``, the others by ``plain``."""
-    out = np.empty(codes.shape, np.float32)
-    # Some rows at a time stay in the cache: an index takes eight times the memory of its codes.
-    rows = max(_CACHED // max(codes.shape[1] * codes.shape[2], 1), 1)
-    for row in range(0, len(codes), rows):
-        part = codes[row : row + rows]
-        np.take(table, part[..., :colors], out=out[row : row + rows, :, :colors], mode="clip")
-        np.take(plain, part[..., colors:], out=out[row : row + rows, :, colors:], mode="clip")
-    return torch.from_numpy(out)

@@ -19,12 +19,13 @@ from PIL import Image
 from torch import Tensor
 
 from torchrender.errors import ImageFileError, InputError
-from torchrender.images.bounded import converted
+from torchrender.images.bounded import converted, kept_as_codes
 from torchrender.images.coded import linear, read_codes, scaled
 from torchrender.images.exr import read_exr, write_exr
 from torchrender.images.ktx import read_ktx2
 from torchrender.images.radiance import read_radiance
 from torchrender.numerics.color import srgb_from_linear
+from torchrender.numerics.texels.coded import room_for
 
 READ_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tga", ".ktx2", ".hdr", ".pic", ".exr")
 WRITE_SUFFIXES = (".png", ".exr")
@@ -59,10 +60,15 @@ def read_image(path: str | Path, *, encoded: bool = False) -> Tensor:
     Raises:
         ImageFileError: missing, empty, damaged, cut off, of an unsupported kind, or more than ``MAX_PIXELS``.
     """
+    path = _of_known_kind(path)
+    return read_image_bytes(picture_bytes(path), path, encoded=encoded)
+
+
+def _of_known_kind(path: str | Path) -> Path:
     path = Path(path)
     if path.suffix.lower() not in READ_SUFFIXES:
         raise ImageFileError(path, f"cannot read {path.suffix or 'a file without suffix'}; {_list(READ_SUFFIXES)}")
-    return read_image_bytes(picture_bytes(path), path, encoded=encoded)
+    return path
 
 
 def picture_bytes(path: Path) -> bytes:
@@ -81,6 +87,36 @@ def picture_bytes(path: Path) -> bytes:
 
 def read_image_bytes(data: bytes, name: str | Path, *, encoded: bool = False) -> Tensor:
     """Like :func:`read_image` for a picture in memory; its first bytes tell its kind, ``name`` is for messages."""
+    found = _codes_or_numbers(data, name)
+    return found if isinstance(found, Tensor) else converted(found, scaled if encoded else linear)
+
+
+def read_texture_bytes(data: bytes, name: str | Path, *, encoded: bool = False) -> Tensor:
+    """The same numbers as a texture (H,W,3|4): grey is repeated, and codes of 8 bits are kept as they are."""
+    found = _codes_or_numbers(data, name)
+    if isinstance(found, Tensor) or found.dtype != np.uint8:
+        return as_texture(found if isinstance(found, Tensor) else converted(found, scaled if encoded else linear))
+    if found.shape[2] <= 2:
+        grey, whole = found, room_for((*found.shape[:2], found.shape[2] + 2), np.uint8)
+        whole[..., :3], whole[..., 3:] = grey[..., :1], grey[..., 1:]
+        found = whole
+    return kept_as_codes(found, 0 if encoded else 3)
+
+
+def as_texture(image: Tensor) -> Tensor:
+    """(H,W,3|4) from a picture (H,W,C) of 1 to 4 channels: grey is repeated."""
+    if image.shape[2] <= 2:
+        return torch.cat([image[..., :1].expand(-1, -1, 3), image[..., 1:]], dim=-1)
+    return image
+
+
+def read_texture(path: str | Path, *, encoded: bool = False) -> Tensor:
+    """Like :func:`read_texture_bytes` for a file. Errors as :func:`read_image`."""
+    return read_texture_bytes(picture_bytes(_of_known_kind(path)), Path(path), encoded=encoded)
+
+
+def _codes_or_numbers(data: bytes, name: str | Path) -> np.ndarray[Any, Any] | Tensor:
+    """(H,W,C) codes, or linear light as the file has it."""
     if not data:
         raise ImageFileError(name, "the file is empty")
     kind = next((suffix for magic, suffix in _KINDS if data.startswith(magic)), None)
@@ -92,8 +128,7 @@ def read_image_bytes(data: bytes, name: str | Path, *, encoded: bool = False) ->
         return torch.from_numpy(read_radiance(data, name, MAX_PIXELS))
     if kind == ".exr":
         return torch.from_numpy(_read_exr_bytes(data, name))
-    codes = read_ktx2(data, name, MAX_PIXELS) if kind == ".ktx2" else read_codes(data, name, MAX_PIXELS)
-    return converted(codes, scaled if encoded else linear)
+    return read_ktx2(data, name, MAX_PIXELS) if kind == ".ktx2" else read_codes(data, name, MAX_PIXELS)
 
 
 def write_image(path: str | Path, image: Tensor, *, channels: Sequence[str] | None = None) -> None:

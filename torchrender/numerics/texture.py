@@ -15,11 +15,9 @@ from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.checks import check_tensor
-
-PADDING = 3
-"""Numbers that follow the texels of a pyramid in memory, so that four may be read from any place on."""
-ROWS = 256
-"""That are halved at a time: what that takes is little beside the texture."""
+from torchrender.numerics.texels.coded import PADDING, CodedTexture, codes_of
+from torchrender.numerics.texels.halving import halved, pooled
+from torchrender.numerics.texels.levels import CodedPyramid, coded_pyramid, halved_codes
 
 _PYRAMIDS: WeakTensorKeyDictionary = WeakTensorKeyDictionary()
 
@@ -48,23 +46,33 @@ class TexturePyramid:
     def level_count(self) -> int:
         return int(self.offset.shape[0])
 
+    def take(self, rows: Tensor) -> Tensor:
+        """(N,C) numbers of texels."""
+        return self.texels.index_select(0, rows)
 
-def build_pyramid(texture: Tensor) -> TexturePyramid:
+
+Pyramid = TexturePyramid | CodedPyramid
+
+
+def build_pyramid(texture: Tensor) -> Pyramid:
     """Mip pyramid of a texture (H,W,C): each level averages the level above over cells of (about) two by two.
 
     Sides that are not powers of two halve rounding down; the cells are then uneven but still cover the whole texture,
-    and the mean of a level is kept where the sides are even.
+    and the mean of a level is kept where the sides are even. Levels of a texture that is kept as codes have 16 bits.
     """
     check_tensor("texture", texture, ("H", "W", "C"))
     return pyramid_of([texture])
 
 
-def pyramid_of(textures: Sequence[Tensor]) -> TexturePyramid:
+def pyramid_of(textures: Sequence[Tensor]) -> Pyramid:
     """The pyramid of textures (H,W,C_k) of one size side by side, as one of all their channels."""
     height, width, _ = textures[0].shape
     sizes = [(height, width)]
     while max(sizes[-1]) > 1:
         sizes.append((max(sizes[-1][0] // 2, 1), max(sizes[-1][1] // 2, 1)))
+    coded = [texture for texture in textures if isinstance(texture, CodedTexture) and texture.codes is not None]
+    if len(coded) == len(textures):
+        return coded_pyramid(coded, sizes)
     shapes = torch.tensor(sizes, dtype=torch.int64)
     counts = shapes[:, 0] * shapes[:, 1]
     wanted = any(texture.requires_grad for texture in textures) and torch.is_grad_enabled()
@@ -82,8 +90,7 @@ def _in_a_row(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tenso
     """Texels of all levels, through which derivatives are known."""
     levels = [torch.cat([texture.float() for texture in textures], dim=2)]
     for height, width in sizes[1:]:
-        smaller = torch.nn.functional.adaptive_avg_pool2d(levels[-1].permute(2, 0, 1)[None], (height, width))
-        levels.append(smaller[0].permute(1, 2, 0))
+        levels.append(pooled(levels[-1], (height, width)))
     return torch.cat([level.reshape(-1, level.shape[2]) for level in levels])
 
 
@@ -107,28 +114,25 @@ def _in_place(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tenso
             torch.add(pairs[:, :, 0], pairs[:, :, 1], out=level)
             level *= 0.25
         else:
-            image = finer.permute(2, 0, 1)[None]
-            level.copy_(torch.nn.functional.adaptive_avg_pool2d(image, (height, width))[0].permute(1, 2, 0))
+            level.copy_(pooled(finer, (height, width)))
         finer = level
     return texels
 
 
-def halved(texture: Tensor) -> Tensor:
-    """(H,W,C) -> (H/2,W/2,C) rounded down, at least one: means of (about) two by two texels."""
-    height, width, channels = texture.shape
-    size = max(height // 2, 1), max(width // 2, 1)
-    if height % 2 or width % 2:
-        image = texture.permute(2, 0, 1)[None]
-        return torch.nn.functional.adaptive_avg_pool2d(image, size)[0].permute(1, 2, 0).contiguous()
-    made = texture.new_zeros(*size, channels)
-    for begin in range(0, size[0], ROWS):
-        rows = texture[2 * begin : 2 * (begin + ROWS)]
-        pairs = rows[0::2] + rows[1::2]
-        torch.add(pairs[:, 0::2], pairs[:, 1::2], out=made[begin : begin + ROWS])
-    return made.mul_(0.25)
+def halved_texture(texture: Tensor) -> Tensor:
+    """(H,W,C) -> (H/2,W/2,C) rounded down, at least one: means of (about) two by two texels, kept as it is kept."""
+    codes = codes_of(texture)
+    if isinstance(texture, CodedTexture) and codes is not None:
+        return CodedTexture(halved_codes(codes, texture.colors), texture.colors)
+    return halved(texture)
 
 
-def color_pyramid(texture: Tensor) -> TexturePyramid:
+def channels_of(texture: Tensor, first: int, end: int) -> Tensor:
+    """Some of the channels (H,W,end - first) of a texture, kept as it is kept."""
+    return texture.channels(first, end) if isinstance(texture, CodedTexture) else texture[..., first:end]
+
+
+def color_pyramid(texture: Tensor) -> Pyramid:
     """The pyramid of a texture's three colour channels, kept for as long as the texture itself lives.
 
     A texture that asks for gradients is never kept, one that was changed in place is built anew.
@@ -136,24 +140,24 @@ def color_pyramid(texture: Tensor) -> TexturePyramid:
     return _kept(texture, 3)
 
 
-def texture_pyramid(texture: Tensor) -> TexturePyramid:
+def texture_pyramid(texture: Tensor) -> Pyramid:
     """The same of all channels."""
     return _kept(texture, texture.shape[2])
 
 
-def _kept(texture: Tensor, channels: int) -> TexturePyramid:
+def _kept(texture: Tensor, channels: int) -> Pyramid:
     if texture.requires_grad:
         return build_pyramid(texture[..., :channels])
     version, made = _PYRAMIDS.get(texture) or (-1, {})
-    known: dict[int, TexturePyramid] = made if version == texture._version else {}
+    known: dict[int, Pyramid] = made if version == texture._version else {}
     if channels not in known:
-        known[channels] = build_pyramid(texture[..., :channels])
+        known[channels] = build_pyramid(channels_of(texture, 0, channels))
         _PYRAMIDS[texture] = (texture._version, known)
     return known[channels]
 
 
 def sample_texture(
-    pyramid: TexturePyramid, uv: Tensor, footprint: Tensor | None = None, addressing: Addressing = REPEATED
+    pyramid: Pyramid, uv: Tensor, footprint: Tensor | None = None, addressing: Addressing = REPEATED
 ) -> Tensor:
     """Texture values (N,C) at coordinates ``uv`` (N,2).
 
@@ -201,31 +205,30 @@ def _texel_place(uv: Tensor, addressing: Addressing) -> tuple[Tensor, Tensor]:
     return _placed(u, addressing.wrap_u), down
 
 
-def _nearest(pyramid: TexturePyramid, uv: Tensor, addressing: Addressing) -> Tensor:
+def _nearest(pyramid: Pyramid, uv: Tensor, addressing: Addressing) -> Tensor:
     """Values (N,C) of the texels that hold the points."""
     across, down = _texel_place(uv, addressing)
     width, height = pyramid.width[0], pyramid.height[0]
     column = torch.minimum((across * width).floor().long(), width - 1)
     row = torch.minimum((down * height).floor().long(), height - 1)
-    return pyramid.texels.index_select(0, row * width + column)
+    return pyramid.take(row * width + column)
 
 
-def _bilinear(pyramid: TexturePyramid, uv: Tensor, level: Tensor | None, addressing: Addressing) -> Tensor:
+def _bilinear(pyramid: Pyramid, uv: Tensor, level: Tensor | None, addressing: Addressing) -> Tensor:
     """Values (N,C), each from its own level; None: all from the finest."""
     if level is None:
         first, width, height = pyramid.offset[:1], pyramid.width[:1], pyramid.height[:1]
     else:
         first, width, height = (v.index_select(0, level) for v in (pyramid.offset, pyramid.width, pyramid.height))
     across, down = _texel_place(uv, addressing)
-    x = (across * width - 0.5).to(pyramid.texels.dtype)
-    y = (down * height - 0.5).to(pyramid.texels.dtype)
+    x, y = (across * width - 0.5).float(), (down * height - 0.5).float()
     left, top = x.floor(), y.floor()
     a, b = (x - left)[:, None], (y - top)[:, None]
     i0, i1 = (_wrapped if addressing.wrap_u == "repeat" else _held)(left.long(), width)
     j0, j1 = (_wrapped if addressing.wrap_v == "repeat" else _held)(top.long(), height)
     row0, row1 = first + j0 * width, first + j1 * width
     corners = (row0 + i0, row0 + i1, row1 + i0, row1 + i1)
-    upper_left, upper_right, lower_left, lower_right = (pyramid.texels.index_select(0, c) for c in corners)
+    upper_left, upper_right, lower_left, lower_right = (pyramid.take(c) for c in corners)
     return torch.lerp(torch.lerp(upper_left, upper_right, a), torch.lerp(lower_left, lower_right, a), b)
 
 

@@ -22,6 +22,7 @@ from torchrender.errors import (
     UnitsWarning,
     ViewWarning,
 )
+from torchrender.numerics.texels.coded import codes_of
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.light import Light, PointLight, RectLight, SpotLight, light_color
 from torchrender.scene.model import Scene
@@ -146,7 +147,8 @@ def _bytes(scene: Scene) -> list[Doubt]:
     colors = [(f"colors of mesh {m.name!r}", m.colors) for m in scene.meshes if m.colors is not None]
     colors += [(f"diffuse of material {m.name!r}", m.diffuse) for m in scene.materials]
     textures = [(m.name, m.diffuse_texture) for m in scene.materials if m.diffuse_texture is not None]
-    colors += [(f"diffuse_texture of material {name!r}", texture) for name, texture in textures]
+    # Those that are kept as codes end at 1.
+    colors += [(f"diffuse_texture of material {name!r}", t) for name, t in textures if codes_of(t) is None]
     high = [(name, float(c.detach().max())) for name, c in colors if c.numel() and float(c.detach().max()) > BYTES]
     how = "colours are linear light from 0 to 1: divide those of 8 bits by 255, and undo sRGB"
     return [(ColorWarning, f"{scene.name}: {name} reach {most:.4g}: {how}") for name, most in high]

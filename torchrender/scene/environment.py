@@ -17,8 +17,7 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.checks import ArrayLike, as_vector, check_finite, check_no_gradient, check_picture, check_range
 from torchrender.errors import InputError
-from torchrender.images.files import read_image
-from torchrender.scene.files.texture_file import as_texture
+from torchrender.images.files import as_texture, read_image
 from torchrender.scene.light import DirectionalLight
 from torchrender.scene.sky.irradiance import BLOCK_ROWS, IrradianceMap, latlong_directions, solid_angles
 from torchrender.scene.sky.prefilter import FilteredSky

@@ -27,6 +27,7 @@ from torchrender.checks import (
     check_range,
 )
 from torchrender.errors import InputError, OptionError
+from torchrender.numerics.texels.coded import codes_of
 
 DIELECTRIC_F0 = 0.04
 
@@ -127,6 +128,7 @@ class Material:
     """One material; colours are linear RGB. A texture multiplies the number of its name.
 
     A material is of the colour of its texture where only that is given: ``diffuse`` is then 1.
+    Textures of files with 8 bits a channel keep these codes, and make their numbers when somebody asks for them.
 
     Raises:
         InputError: a colour that is not three finite numbers of zero or more, a texture of a wrong shape or with values
@@ -207,7 +209,7 @@ class Material:
             return
         told = f"material {self.name!r}: {name}"
         texture = check_picture(told, texture, channels)
-        if _CHECKED.get(texture) == texture._version:
+        if codes_of(texture) is not None or _CHECKED.get(texture) == texture._version:  # codes are shares of one
             return
         checked = check_not_negative(told, check_finite(told, texture.float()))
         _CHECKED[checked] = checked._version

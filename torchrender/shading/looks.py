@@ -12,11 +12,16 @@ from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.kernels.shading.records import CHANNEL, LEVELS, MATERIAL, SLOT, Looks
-from torchrender.numerics.texture import PADDING, pyramid_of
+from torchrender.numerics.texels.coded import codes_of, room_for, tables
+from torchrender.numerics.texels.levels import CodedPyramid
+from torchrender.numerics.texture import Pyramid, channels_of, pyramid_of
 from torchrender.scene.material import FILTERS, PLAIN, WRAPS, Material, Sampler
 from torchrender.scene.material_table import MaterialTable
 from torchrender.shading.surface import METALLIC, PHONG
 
+Array = np.ndarray[Any, Any]
+
+_KINDS = (np.float32, np.uint8, np.uint16)
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 PHONG_TEXTURES = ("diffuse_texture", "emission_texture", "specular_texture", "occlusion_texture", "normal_texture")
 METALLIC_TEXTURES = (*PHONG_TEXTURES, "metallic_roughness_texture", "clearcoat_texture")
@@ -53,8 +58,9 @@ def _built(materials: Sequence[Material], table: MaterialTable) -> Looks:
         flags |= 2 * int(kind == PHONG and bool((table.highlight[number] > 0).any()))
         flags |= 4 * int(kind == METALLIC and bool((table.physical.sheen[number] > 0).any()))
         ranges[number] = first, len(atlas.rows), kind, flags
-    groups, transforms, texels = atlas.arrays()
-    return Looks(material_numbers(table), ranges, groups, transforms, texels)
+    groups, transforms = atlas.arrays()
+    texels, codes, coarser = (_joined(parts, kind) for parts, kind in zip(atlas.parts, _KINDS, strict=True))
+    return Looks(material_numbers(table), ranges, groups, transforms, texels, codes, coarser, tables().reshape(-1))
 
 
 def material_numbers(table: MaterialTable) -> np.ndarray[Any, Any]:
@@ -84,58 +90,73 @@ class _Atlas:
     def __init__(self) -> None:
         self.rows: list[list[int]] = []
         self.transforms: list[list[float]] = []
-        self.parts: list[Tensor] = []
-        self.size = 0
-        self.known: dict[Any, tuple[list[int], int]] = {}
+        self.parts: tuple[list[Array], ...] = ([], [], [])  # by _KINDS
+        self.known: dict[Any, tuple[list[int], int, int]] = {}
 
     def add(self, material: Material, names: Sequence[str]) -> None:
         """The groups of one material: textures of one size that lie alike are interleaved."""
         alike: dict[Any, list[tuple[str, Tensor]]] = {}
         for name, texture in _textures(material, names):
-            alike.setdefault((texture.shape[:2], *_manner(material.sampler(name))), []).append((name, texture))
+            how = (texture.shape[:2], codes_of(texture) is None, *_manner(material.sampler(name)))
+            alike.setdefault(how, []).append((name, texture))
         for members in alike.values():
             self._group(members, material.sampler(members[0][0]))
 
     def _group(self, members: list[tuple[str, Tensor]], sampler: Sampler) -> None:
-        slots, parts = [], []
+        slots, read = [], []
         for name, texture in members:
             names = [one for one in CHANNEL[name].split() if one != "-"]
             begin = SKIPPED.get(name, 0)
-            part = texture.detach()[..., begin : begin + len(names)]
-            slots += [SLOT[one] for one in names[: part.shape[2]]]
-            parts.append(part)
+            end = min(begin + len(names), texture.shape[2])
+            slots += [SLOT[one] for one in names[: end - begin]]
+            read.append((texture, begin, end))
         key = tuple((name, id(texture), texture._version) for name, texture in members)
         if key not in self.known:
-            pyramid = pyramid_of(parts)
-            levels = zip(pyramid.offset.tolist(), pyramid.width.tolist(), pyramid.height.tolist())
-            told = [n for o, w, h in levels for n in (self.size + o * len(slots), w, h)]
-            self.known[key] = (told, pyramid.level_count)
-            self.parts.append(pyramid.texels.reshape(-1))
-            self.size += pyramid.texels.numel()
-        told, count = self.known[key]
+            pyramid = pyramid_of([channels_of(texture.detach(), begin, end) for texture, begin, end in read])
+            levels = zip(self._put(pyramid), pyramid.width.tolist(), pyramid.height.tolist(), strict=True)
+            self.known[key] = ([n for level in levels for n in level], pyramid.level_count, _coded(pyramid))
+        told, count, coded = self.known[key]
         how = (WRAPS.index(sampler.wrap_u), WRAPS.index(sampler.wrap_v), FILTERS.index(sampler.filter))
         plain = int(torch.equal(sampler.transform, PLAIN.transform))
-        head = [count, *how, sampler.uv_set, len(slots), plain, 0, *slots]
+        head = [count, *how, sampler.uv_set, len(slots), plain, coded, *slots]
         self.rows.append(head + [-1] * (LEVELS - len(head)) + told)
         side, matrix = max(members[0][1].shape[:2]), sampler.transform
         scale = math.sqrt(max(abs(float(torch.linalg.det(matrix[:, :2].double()))), 1e-30))
         self.transforms.append([*matrix.reshape(-1).tolist(), math.log2(side * scale), 0.0])
 
-    def arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
-        """Table, transforms and texels."""
+    def _put(self, pyramid: Pyramid) -> list[int]:
+        """Keep the texels; -> the first number of each level."""
+        if not isinstance(pyramid, CodedPyramid):
+            begin = sum(len(part) for part in self.parts[0])
+            self.parts[0].append(pyramid.texels.reshape(-1).numpy())
+            return [begin + first * pyramid.texels.shape[1] for first in pyramid.offset.tolist()]
+        count, channels = pyramid.codes.shape
+        finest, coarser = (sum(len(part) for part in parts) for parts in self.parts[1:])
+        self.parts[1].append(pyramid.codes.reshape(-1))
+        self.parts[2].append(pyramid.coarser.reshape(-1))
+        return [finest, *(coarser + (first - count) * channels for first in pyramid.offset.tolist()[1:])]
+
+    def arrays(self) -> tuple[Array, Array]:
+        """Table and transforms."""
         width = max([len(row) for row in self.rows], default=LEVELS + 3)
         rows = np.array([row + [0] * (width - len(row)) for row in self.rows], np.int64).reshape(-1, width)
         transforms = np.array(self.transforms, np.float32).reshape(-1, 8)
-        texels = _joined(self.parts)
-        return rows, transforms, texels
+        return rows, transforms
 
 
-def _joined(parts: list[Tensor]) -> np.ndarray[Any, Any]:
+def _coded(pyramid: Pyramid) -> int:
+    """0 for numbers, else 1 and twice the bits of the channels whose codes are sRGB."""
+    if not isinstance(pyramid, CodedPyramid):
+        return 0
+    return 1 + sum(2 << k for k, linear in enumerate(pyramid.linear) if linear)
+
+
+def _joined(parts: list[Array], kind: Any) -> Array:
     """All texels in a row; those of one group stay where they are."""
     if len(parts) == 1:
-        return parts[0].numpy()  # is followed by more already
-    whole = torch.cat([*parts, torch.zeros(PADDING)]).numpy()
-    return whole[: len(whole) - PADDING]
+        return parts[0]  # is followed by more already
+    whole = room_for((sum(len(part) for part in parts),), kind)
+    return np.concatenate(parts, out=whole) if parts else whole
 
 
 def _manner(sampler: Sampler) -> tuple[Any, ...]:

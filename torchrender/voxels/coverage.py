@@ -7,7 +7,7 @@ from torch import Tensor
 
 from torchrender.numerics.ggx import refraction
 from torchrender.numerics.split_sum import dielectric_albedo
-from torchrender.numerics.texture import build_pyramid, color_pyramid, sample_texture
+from torchrender.numerics.texture import build_pyramid, channels_of, color_pyramid, sample_texture
 from torchrender.scene.material import Material, Sampler
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
@@ -110,7 +110,7 @@ def _passing(geometry: Geometry, material: Material, triangle: Tensor, weights: 
     if texture is None or uv is None:
         return torch.full((len(triangle),), share, dtype=torch.float64)
     footprint = uv_per_unit(geometry, sampler, triangle) * spacing
-    return share * sample_texture(build_pyramid(texture[..., :1].float()), uv, footprint)[:, 0].double()
+    return share * sample_texture(build_pyramid(channels_of(texture, 0, 1)), uv, footprint)[:, 0].double()
 
 
 def _alpha_of(geometry: Geometry, material: Material, triangle: Tensor, weights: Tensor, spacing: float) -> Tensor:
@@ -123,7 +123,7 @@ def _alpha_of(geometry: Geometry, material: Material, triangle: Tensor, weights:
     uv = surface_uv(geometry, sampler, triangle, weights)
     if texture is None or texture.shape[2] != 4 or uv is None:
         return own if cutoff is None else (own >= cutoff).double()
-    values = texture[..., 3:].float()
+    values = channels_of(texture, 3, 4).float()
     if cutoff is not None:
         # The opacity beside the texture moves the limit that its texels are held against.
         factor = float(own.mean()) if len(own) else 1.0

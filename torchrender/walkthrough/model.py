@@ -14,6 +14,7 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.kernels.walkthrough.plane_pixels import FINENESS, Atlas
 from torchrender.numerics.color import linear_from_srgb, srgb_table
+from torchrender.numerics.texels.coded import CodedTexture
 from torchrender.points.cloud import PointCloud
 from torchrender.scene.camera import Cameras
 from torchrender.scene.material import Material
@@ -171,15 +172,15 @@ class Walkthrough:
         other mesh.
         """
         meshes, materials = [], []
-        table = srgb_table(8).numpy()
         for patch in self.planes:
-            rgba = np.concatenate([table[patch.texture[..., :3]], (patch.texture[..., 3:] > 127)], axis=2)
-            opaque = bool((patch.texture[..., 3] > 127).all())
+            rgba = patch.texture.copy()
+            rgba[..., 3] = np.where(patch.texture[..., 3] > 127, 255, 0)
+            opaque = bool((rgba[..., 3] > 127).all())
             materials.append(
                 Material(
                     name=f"plane {patch.plane}",
                     diffuse=torch.ones(3),
-                    diffuse_texture=torch.from_numpy(rgba.astype(np.float32)),
+                    diffuse_texture=CodedTexture(rgba, 3),
                     alpha_cutoff=None if opaque else 0.5,
                 )
             )

@@ -84,7 +84,7 @@ class Times:
     all_s: float = math.inf  # for all attacks: those that are decided at once leave more to others
 
 
-QUICK = Times(quiet_s=2.5, loud_s=3.5, rounds=(1, 3), all_s=125.0)
+QUICK = Times(quiet_s=2.5, loud_s=3.5, rounds=(1, 3), all_s=110.0)
 THOROUGH = Times(quiet_s=8.0, loud_s=15.0, rounds=(2, 4))
 
 

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from torchrender_service.renderers.job_runner import JobRunner
 
 LENGTH = struct.Struct("<Q")
+BEGUN, READY = "begun", "ready"
+"""What a process says before its first job: that it may be stopped, and that it takes jobs."""
 _TEXT = 500
 NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
@@ -70,6 +72,7 @@ def main() -> int:
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
     go_on_when_alone()
+    _send(out, REPLY_ENCODER.encode(Reply(result={BEGUN: True})))
     niceness = int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS)))
     if niceness > NICENESS:
         give_way(niceness)
@@ -95,7 +98,7 @@ def main() -> int:
         return runner.ahead(needs.scene, parts=needs.type in (Locate.__name__, Render.__name__))
 
     desk = Desk(work, ahead)
-    _send(out, REPLY_ENCODER.encode(Reply(result={"ready": True})))
+    _send(out, REPLY_ENCODER.encode(Reply(result={READY: True})))
     threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
     desk.run()
     return 0

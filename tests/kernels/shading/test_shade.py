@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from shading_scenes import LAMP, LIGHTS, PANEL, SUN, noise, scene_of_all, views
+from shading_scenes import LAMP, LIGHTS, PANEL, SUN, as_codes, noise, scene_of_all, views
 from torchrender.buffers import RaySurface
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.shading import (
@@ -63,10 +63,12 @@ def factors(scene: Scene, count: int) -> Tensor:
     return (torch.rand(len(scene.lights), count, generator=generator) * 3 - 1).clamp(0, 1)
 
 
+@pytest.mark.parametrize("coded", [True, False])
 @pytest.mark.parametrize("environment", [True, False])
 @pytest.mark.parametrize("orthographic", [True, False])
-def test_images_against_torch(environment: bool, orthographic: bool) -> None:
+def test_images_against_torch(environment: bool, orthographic: bool, coded: bool) -> None:
     scene = scene_of_all(*LIGHTS, environment=environment)
+    scene = as_codes(scene) if coded else scene
     all_of_it = replace(scene.geometry, see_through=None)  # what shows what lies behind, too
     seen = rasterize_visibility(all_of_it, views(count=2, orthographic=orthographic))
     gbuffer = surface_attributes(scene, seen)

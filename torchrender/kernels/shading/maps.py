@@ -26,6 +26,8 @@ SHARE, LEVEL, FOUND = (SLOT[n] for n in ("IN", "NV", "LA"))
 LEAST_TILT = f4(1e-4)
 REPEAT, MIRROR, CLAMP = 0, 1, 2
 TRILINEAR, BILINEAR, NEAREST = 0, 1, 2
+CODES = np.uintp(256)
+STEP = f4(1.0 / 65535.0)
 
 
 @kernel(counted=False)
@@ -142,16 +144,60 @@ def blend_texels(s, n, row, texels, skip):
         s[FOUND + k], s[FOUND + SPAN + k], s[FOUND + 2 * SPAN + k], s[FOUND + 3 * SPAN + k] = found
 
 
+@kernel(inline=True, counted=False)
+def weighed_codes(codes, tables, places, weights, kinds):
+    """Sum of what ``codes[place : place + 4]`` are by tables from ``kinds`` (4,) on, times the weights."""
+    r = g = b = a = ZERO
+    for corner in range(4):
+        at, weight = np.uintp(places[corner]), weights[corner]
+        r += weight * tables[kinds[0] + np.uintp(codes[at])]
+        g += weight * tables[kinds[1] + np.uintp(codes[at + np.uintp(1)])]
+        b += weight * tables[kinds[2] + np.uintp(codes[at + np.uintp(2)])]
+        a += weight * tables[kinds[3] + np.uintp(codes[at + np.uintp(3)])]
+    return r, g, b, a
+
+
+@kernel(inline=True, counted=False)
+def kinds_of_codes(row, skip):
+    """Where the tables of four channels after ``skip`` begin."""
+    bits = row[7] >> (skip + 1)
+    first, second = np.uintp(bits & 1) * CODES, np.uintp((bits >> 1) & 1) * CODES
+    return first, second, np.uintp((bits >> 2) & 1) * CODES, np.uintp((bits >> 3) & 1) * CODES
+
+
 @kernel(counted=False)
-def nearest_texels(s, n, row, texels, skip):
+def blend_codes(s, n, row, looks, skip):
+    """The same of textures that are kept as codes: the finest level through tables, others in units of STEP."""
+    channels, kinds = row[5], kinds_of_codes(row, skip)
+    for k in range(n):
+        level = np.uintp(LEVELS) + np.uintp(3) * np.uintp(s[LEVEL + k])
+        p, a = places(s, k, FINER, row[level] + skip, channels)
+        if s[LEVEL + k] == ZERO:
+            x, y, z, w = weighed_codes(looks.codes, looks.tables, p, a, kinds)
+        else:
+            x, y, z, w = weighed(looks.coarser, p, a)
+            x, y, z, w = x * STEP, y * STEP, z * STEP, w * STEP
+        if s[SHARE + k] > ZERO:
+            q, b = places(s, k, COARSER, row[level + np.uintp(3)] + skip, channels)
+            more = weighed(looks.coarser, q, b)
+            x, y, z, w = x + STEP * more[0], y + STEP * more[1], z + STEP * more[2], w + STEP * more[3]
+        s[FOUND + k], s[FOUND + SPAN + k], s[FOUND + 2 * SPAN + k], s[FOUND + 3 * SPAN + k] = x, y, z, w
+
+
+@kernel(counted=False)
+def nearest_texels(s, n, row, looks, skip):
     """The same of the finest level without a blend."""
     width, height, channels = row[LEVELS + 1], row[LEVELS + 2], row[5]
+    kinds, coded = kinds_of_codes(row, skip), row[7] > 0
     for k in range(n):
         column = min(np.int64(s[ACROSS + k] * f4(width)), width - 1)
         line = min(np.int64(s[DOWN + k] * f4(height)), height - 1)
         at = row[LEVELS] + (line * width + column) * channels + skip
         for c in range(min(channels - skip, 4)):
-            s[FOUND + c * SPAN + k] = texels[at + c]
+            if coded:
+                s[FOUND + c * SPAN + k] = looks.tables[kinds[c] + np.uintp(looks.codes[at + c])]
+            else:
+                s[FOUND + c * SPAN + k] = looks.texels[at + c]
 
 
 @kernel(counted=False)
@@ -184,7 +230,9 @@ def sample(work, n, every, g, looks):
     channels = row[5]
     for skip in range(0, channels, 4):
         if row[3] == NEAREST:
-            nearest_texels(s, n, row, looks.texels, skip)
+            nearest_texels(s, n, row, looks, skip)
+        elif row[7] > 0:
+            blend_codes(s, n, row, looks, skip)
         else:
             blend_texels(s, n, row, looks.texels, skip)
         for c in range(min(channels - skip, 4)):

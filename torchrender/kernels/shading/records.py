@@ -87,9 +87,12 @@ class Looks(NamedTuple):
     groups_of: (
         np.ndarray
     )  # (M,4) int32 first and one past last group, kind, 1: normal map + 2: Phong highlight + 4: sheen
-    groups: np.ndarray  # (G,LEVELS+3K) int64: levels, wraps, filter, uv set, channels, plain?, slots; then per level
+    groups: np.ndarray  # (G,LEVELS+3K) int64: levels, wraps, filter, uv set, channels, plain?, codes, slots; per level
     transforms: np.ndarray  # (G,8) float32: transform 6, log2 of the longer side in texels
-    texels: np.ndarray  # (X,) float32, followed by three more numbers that may be read
+    texels: np.ndarray  # (X,) float32, followed by three more numbers that may be read, as the next two
+    codes: np.ndarray  # (Y,) uint8 finest levels of textures that are kept so
+    coarser: np.ndarray  # (Z,) uint16 their other levels, in units of 1/65535
+    tables: np.ndarray  # (512,) float32 what a code is, as a share and in linear light
 
 
 class Sky(NamedTuple):

@@ -50,16 +50,22 @@ bits_of, float_of = _cast(float32, int32), _cast(int32, float32)
 def weighed(context: Any, values: Any, places: Any, weights: Any) -> Any:  # noqa: ARG001
     """Sum of ``values[place : place + 4]`` times the weights, four float32 at once.
 
-    ``values`` lie row by row, and three more that follow them may be read; ``places`` (K,) int64 count their numbers.
+    ``values`` float32 or uint16 lie row by row, and three more that follow them may be read; ``places`` (K,) int64
+    count their numbers.
     """
     four = ir.VectorType(ir.FloatType(), 4)
+    halves = ir.VectorType(ir.IntType(16), 4)
+    short = values.dtype == types.uint16
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         first = arrayobj.make_array(signature.args[0])(context, builder, value=args[0]).data
         total = None
         for k in range(len(signature.args[1])):
             place, weight = (builder.extract_value(one, k) for one in args[1:])
-            read = builder.load(builder.bitcast(builder.gep(first, [place]), four.as_pointer()), align=4)
+            pointer = builder.bitcast(builder.gep(first, [place]), (halves if short else four).as_pointer())
+            read = builder.load(pointer, align=2 if short else 4)
+            if short:  # by way of signed numbers, which processors turn into floats at once
+                read = builder.sitofp(builder.zext(read, ir.VectorType(ir.IntType(32), 4)), four)
             wide = builder.insert_element(ir.Constant(four, ir.Undefined), weight, ir.IntType(32)(0))
             wide = builder.shuffle_vector(wide, wide, ir.Constant(ir.VectorType(ir.IntType(32), 4), [0, 0, 0, 0]))
             part = builder.fmul(wide, read)

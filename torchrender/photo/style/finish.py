@@ -20,6 +20,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from torchrender.numerics.texture import channels_of
 from torchrender.photo.lab import lab_from_linear, linear_from_lab
 from torchrender.photo.style.objects import StyleObjects
 from torchrender.photo.style.phong import AMBIENT_SHARE, MAX_EXPONENT
@@ -97,7 +98,7 @@ def own_colors(scene: Scene, objects: StyleObjects, views: Views) -> Tensor:
 def _mean_color(material: Material) -> Tensor:
     color = material.diffuse.double()
     if material.diffuse_texture is not None:
-        color = color * material.diffuse_texture[..., :3].double().mean(dim=(0, 1))
+        color = color * channels_of(material.diffuse_texture, 0, 3).double().mean(dim=(0, 1))
     return color
 
 
@@ -163,8 +164,8 @@ def _holed(old: Material, new: Material) -> Material:
     """The new material with the holes of the old one's texture, if it has any; its colours go."""
     if not _has_shape(old) or old.diffuse_texture is None:
         return new
-    alpha = old.diffuse_texture[..., 3:]
-    texture = torch.cat([torch.ones_like(alpha).expand(-1, -1, 3), alpha], dim=-1)
+    alpha = channels_of(old.diffuse_texture, 3, 4)
+    texture = torch.cat([torch.ones(*alpha.shape[:2], 3), alpha], dim=-1)
     return replace(new, diffuse_texture=texture, samplers=_lies_as(old), alpha_cutoff=old.alpha_cutoff)
 
 
@@ -175,7 +176,8 @@ def _patterned(old: Material, new: Material, ratio: Tensor) -> Material:
     if texture is not None:
         above = color.clamp_min(1.0)
         if bool((above > 1.0).any()):
-            texture = torch.cat([(texture[..., :3] * above).clamp(max=1.0), texture[..., 3:]], dim=-1)
+            shown, alpha = channels_of(texture, 0, 3), channels_of(texture, 3, texture.shape[2])
+            texture = torch.cat([(shown * above).clamp(max=1.0), alpha], dim=-1)
     return replace(
         new, diffuse=color.clamp(0.0, 1.0), diffuse_texture=texture, samplers=_lies_as(old),
         alpha_cutoff=old.alpha_cutoff,

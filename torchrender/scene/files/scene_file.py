@@ -18,13 +18,12 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import SceneFileError
-from torchrender.images.files import read_image
+from torchrender.images.files import read_image, read_texture
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.record import MAX_SIDE
 from torchrender.scene.environment import Environment, sky_of
 from torchrender.scene.files.content import read_bytes
 from torchrender.scene.files.scene_geometry import read_geometry
-from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.files.toml_table import Table, parse_toml
 from torchrender.scene.files.volume_file import read_volume
 from torchrender.scene.light import (
@@ -117,7 +116,7 @@ def _material(table: Table, textures: dict[Path, Tensor]) -> Material:
     name = table.text("name")
     path = table.file("texture", None)
     if path is not None and path not in textures:
-        textures[path] = as_texture(_picture(table, "texture", path))
+        textures[path] = _picture(table, "texture", path, read_texture)
     with table.reporting():
         material = Material(
             name=name,
@@ -142,9 +141,9 @@ def _material(table: Table, textures: dict[Path, Tensor]) -> Material:
     return material
 
 
-def _picture(table: Table, key: str, path: Path) -> Tensor:
+def _picture(table: Table, key: str, path: Path, read: Callable[[Path], Tensor] = read_image) -> Tensor:
     try:
-        return read_image(path)
+        return read(path)
     except SceneFileError as error:
         raise table.error(key, str(error)) from error
 

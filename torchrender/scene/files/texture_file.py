@@ -1,11 +1,8 @@
-"""Pictures that mesh files name: where they are, and the shape that materials want."""
+"""Pictures that mesh files name: where they are, and what is said where they are not."""
 
 from __future__ import annotations
 
 from pathlib import Path
-
-import torch
-from torch import Tensor
 
 from torchrender.errors import TorchRenderWarning
 
@@ -31,10 +28,3 @@ def find_beside(path: Path, name: str) -> Path:
     except (OSError, ValueError):  # no name at all: too long, or with bytes that names do not have
         pass
     return named
-
-
-def as_texture(image: Tensor) -> Tensor:
-    """(H,W,3|4) from a picture (H,W,C) of 1 to 4 channels: grey is repeated."""
-    if image.shape[2] <= 2:
-        return torch.cat([image[..., :1].expand(-1, -1, 3), image[..., 1:]], dim=-1)
-    return image

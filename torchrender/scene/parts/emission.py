@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from torchrender.numerics.texture import channels_of
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 
@@ -27,7 +28,7 @@ def _mean_emission(material: Material) -> Tensor:
     else:
         color, texture = material.emission, material.emission_texture
     with torch.no_grad():
-        mean = color if texture is None else color * texture[..., :3].mean((0, 1))
+        mean = color if texture is None else color * channels_of(texture, 0, 3).mean((0, 1))
         return mean.mean()
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from torchrender.numerics.texels.coded import CodedTexture
+
 _PLAIN = (str, bytes, int, float, bool, type(None), type)
 TREE_BYTES = 160
 """Of a triangle in the tree of a ray caster, which no array shows."""
@@ -40,6 +42,8 @@ def bytes_of(*things: Any, known: set[int] | None = None) -> int:
 
 def _array(thing: Any) -> tuple[int, int] | None:
     """Address and bytes of what an array lies in; of a part the whole."""
+    if isinstance(thing, CodedTexture):
+        thing = thing.kept
     if isinstance(thing, Tensor):
         storage = thing.untyped_storage()
         return storage.data_ptr(), storage.nbytes()

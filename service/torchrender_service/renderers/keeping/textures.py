@@ -17,21 +17,25 @@ from typing import Any
 from torch import Tensor
 
 from torchrender.images.bounded import Bound, at_most, smaller
-from torchrender.numerics.texture import halved
+from torchrender.numerics.texels.coded import codes_of
+from torchrender.numerics.texture import halved_texture
 from torchrender.scene.files.report import LoadReport, Note
 from torchrender.scene.material import TEXTURES, Material
 from torchrender.scene.model import Scene
 
-WITH_LEVELS = 7 / 3
-"""A texture, and all its levels once more, with which pictures are made."""
-BYTES = int(WITH_LEVELS * 12)
+LEVELS = 4 / 3
+"""Numbers of all levels, with which pictures are made, for each number of a texture."""
+CODED_LEVELS = 1 + 2 / 3
+"""Bytes of all levels of a texture that is kept as codes, for each code: coarser ones have two for each number."""
+BYTES, CODED_BYTES = int((1 + LEVELS) * 12), int((1 + CODED_LEVELS) * 3)
 """Of a texel of three channels, levels counted."""
 
 
 @contextmanager
 def bounded(most_bytes: int | None) -> Iterator[Bound]:
     """Pictures that are read inside are no larger than what a scene may have; None: all that they are."""
-    with at_most(None if most_bytes is None else max(1, most_bytes // BYTES)) as bound:
+    pixels = (None, None) if most_bytes is None else (max(1, most_bytes // BYTES), max(1, most_bytes // CODED_BYTES))
+    with at_most(*pixels) as bound:
         yield bound
 
 
@@ -46,11 +50,11 @@ def within(scene: Scene, most_bytes: int | None, lost: Mapping[str, int] = Mappi
     """
     originals = _originals(scene)
     kept = dict(originals)
-    while kept and most_bytes is not None and sum(WITH_LEVELS * one.nbytes for one in kept.values()) > most_bytes:
-        name, largest = max(kept.items(), key=lambda pair: pair[1].nbytes)
+    while kept and most_bytes is not None and _all_bytes(kept) > most_bytes:
+        name, largest = max(kept.items(), key=lambda pair: _bytes(pair[1]))
         if largest.shape[0] == largest.shape[1] == 1:
             break
-        kept[name] = halved(largest)
+        kept[name] = halved_texture(largest)
     said = Counter(lost)
     said.update(smaller(one.shape, kept[name].shape) for name, one in originals.items() if kept[name] is not one)
     if not said:
@@ -61,7 +65,20 @@ def within(scene: Scene, most_bytes: int | None, lost: Mapping[str, int] = Mappi
 
 def bytes_of_levels(scene: Scene) -> int:
     """What pictures of a scene make of its textures, and keep as long as it."""
-    return int(sum((WITH_LEVELS - 1.0) * one.nbytes for one in _originals(scene).values()))
+    return int(sum(_level_bytes(one) for one in _originals(scene).values()))
+
+
+def _all_bytes(textures: Mapping[int, Tensor]) -> float:
+    return sum(_bytes(one) + _level_bytes(one) for one in textures.values())
+
+
+def _bytes(texture: Tensor) -> int:
+    codes = codes_of(texture)
+    return texture.nbytes if codes is None else codes.nbytes
+
+
+def _level_bytes(texture: Tensor) -> float:
+    return (LEVELS if codes_of(texture) is None else CODED_LEVELS) * _bytes(texture)
 
 
 def _originals(scene: Scene) -> dict[int, Tensor]:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torchrender_service.errors import ServiceError
-from torchrender_service.renderers.jobs import JOB_ENCODER, Cancel, Task, WarmUp
+from torchrender_service.renderers.jobs import JOB_ENCODER, REPLY_DECODER, Cancel, Task, WarmUp
 from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.schedule import RETRY_S
-from torchrender_service.renderers.worker import LENGTH
+from torchrender_service.renderers.worker import BEGUN, LENGTH, READY
 from torchrender_service.settings import Settings
 
 LOG = logging.getLogger("torchrender_service.renderers.processes.start")
@@ -98,15 +98,18 @@ async def begin_process(kind: Kind) -> Process:
     return await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, env=environment, limit=2**22)
 
 
-async def greeted(process: Process) -> Process:
+async def greeted(process: Process, what: str = READY) -> Process:
     """The same process, once it has said that it is there.
+
+    Args:
+        what: BEGUN: that it outlives nobody, whatever becomes of it; so only from then on may it be stopped.
 
     Raises:
         ServiceError: 503, it does not start.
     """
     assert process.stdout is not None
     try:
-        await asyncio.wait_for(read_message(process.stdout), START_S)
+        await asyncio.wait_for(_told(process.stdout, what), START_S)
     except (asyncio.TimeoutError, asyncio.IncompleteReadError) as error:
         await end_process(process)
         raise ServiceError(503, "renderer-stopped", "the renderer does not start", retry_after_s=RETRY_S) from error
@@ -114,6 +117,11 @@ async def greeted(process: Process) -> Process:
         await end_process(process)
         raise
     return process
+
+
+async def _told(stream: asyncio.StreamReader, what: str) -> None:
+    while what not in (REPLY_DECODER.decode(await read_message(stream)).result or {}):
+        pass
 
 
 def kill_process(process: Process | None) -> None:
@@ -171,7 +179,7 @@ class Spare:
 
     async def _start(self, wait_s: float) -> None:
         await asyncio.sleep(wait_s)
-        process = await begin_process(self._kind)
+        process = await greeted(await begin_process(self._kind), BEGUN)
         self._pauses.join(process)
         try:
             self._process = await greeted(process)

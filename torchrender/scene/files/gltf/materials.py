@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.gltf.container import GltfFile, object_of
 from torchrender.scene.files.gltf.out.materials import PHONG
 from torchrender.scene.files.gltf.textures import GltfTextures, SetsInUse
@@ -128,11 +129,12 @@ class _Draft:
         weight = self._plain("specular_texture", specular.get("specularTexture"))
         if weight is None or weight.shape[2] < 4:
             self._keep("specular_texture", colors_by)
-            return None if tint is None else tint[..., :3]
+            return None if tint is None else channels_of(tint, 0, 3)
         if tint is None:
-            return torch.cat([torch.ones_like(weight[..., :3]), weight[..., 3:]], dim=-1)
+            alpha = channels_of(weight, 3, weight.shape[2])
+            return torch.cat([torch.ones(*weight.shape[:2], 3), alpha], dim=-1)
         self._keep_one("specular_texture", colors_by, "specularTexture")
-        return torch.cat(same_size(tint[..., :3], weight[..., 3:]), dim=-1)
+        return torch.cat(same_size(channels_of(tint, 0, 3), channels_of(weight, 3, weight.shape[2])), dim=-1)
 
     def _specular_glossiness(self, gloss: dict[str, Any]) -> dict[str, Any]:
         factor = self._share(gloss, "glossinessFactor", 1.0)
@@ -142,11 +144,11 @@ class _Draft:
             "metallic": 0.0,
             "ior": MIRROR_IOR,
             "specular_color": self._colors(gloss, "specularFactor", 1.0) / _MIRROR_F0,
-            "specular_texture": None if tint is None else tint[..., :3].contiguous(),
+            "specular_texture": None if tint is None else channels_of(tint, 0, 3),
             "roughness": 1.0 - factor,
         }
         if codes is not None and codes.shape[2] == 4:
-            rough = 1.0 - factor * codes[..., 3:]
+            rough = 1.0 - factor * channels_of(codes, 3, 4)
             values["roughness"] = 1.0
             values["metallic_roughness_texture"] = torch.cat(
                 [torch.ones_like(rough), rough, torch.ones_like(rough)], -1
@@ -201,7 +203,8 @@ class _Draft:
         if strength is not None or rough is not None:
             one = torch.ones(1, 1, 3)
             first, second = same_size(one if strength is None else strength, one if rough is None else rough)
-            texture = torch.stack([first[..., 0], second[..., 1], torch.ones_like(first[..., 0])], dim=-1)
+            planes = channels_of(first, 0, 1), channels_of(second, 1, 2), torch.ones(*first.shape[:2], 1)
+            texture = torch.cat(planes, dim=-1)
         if "clearcoatNormalTexture" in coat:
             self._file.notes.not_used("clearcoatNormalTexture")
         return {

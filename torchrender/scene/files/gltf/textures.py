@@ -18,9 +18,8 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import SceneFileError
-from torchrender.images.files import read_image_bytes
+from torchrender.images.files import read_texture_bytes
 from torchrender.scene.files.gltf.container import GltfFile, object_of
-from torchrender.scene.files.texture_file import as_texture
 from torchrender.scene.material import Sampler
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -171,7 +170,7 @@ class GltfTextures:
 
 
 def _decoded(data: bytes, name: str, encoded: bool) -> Tensor:
-    return as_texture(read_image_bytes(data, name, encoded=encoded))
+    return read_texture_bytes(data, name, encoded=encoded)
 
 
 def _texture_infos(value: Any, depth: int = 0) -> Iterator[tuple[str, dict[str, Any]]]:

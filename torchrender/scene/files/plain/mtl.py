@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.plain.mtl_maps import (
     MapReader,
     MapUse,
@@ -169,7 +170,7 @@ class _Draft:
         self._samplers["normal_texture"] = use.sampler
         strength = use.numbers("-bm", [1.0])[0]
         if key in ("norm", "map_kn", "map_norm") or is_normal_map(picture):
-            return {"normal_texture": picture[..., :3].contiguous(), "normal_scale": min(max(strength, -100.0), 100.0)}
+            return {"normal_texture": channels_of(picture, 0, 3), "normal_scale": min(max(strength, -100.0), 100.0)}
         height = self._maps.channel(use, self._name)
         assert height is not None
         return {"normal_texture": normals_of_heights(height, strength * _BUMP_TEXELS)}
@@ -192,14 +193,14 @@ class _Draft:
             return {"specular": 0.0, "gloss": gloss, "shininess": shininess}
         if model == 2:
             picture = self._map("map_ks", "specular_texture")
-            picture = None if picture is None else picture[..., :3].contiguous()
+            picture = None if picture is None else channels_of(picture, 0, 3)
             more = {"specular_weight": strongest, "specular_color": tint, "specular_texture": picture}
             return {"metallic": 0.0, "roughness": min(gloss, 1.0), "ior": self._ior(), **more}
         picture = self._map("map_ks", "specular_texture")
         return {
             "specular": strongest if picture is None or "ks" in self._entry else 1.0,
             "specular_color": tint,
-            "specular_texture": None if picture is None else picture[..., :3].contiguous(),
+            "specular_texture": None if picture is None else channels_of(picture, 0, 3),
             "gloss": gloss,
             "shininess": shininess,
         }
@@ -215,7 +216,7 @@ class _Draft:
             "ior": self._ior(),
         }
         picture = self._map("map_ks", "specular_texture")
-        values["specular_texture"] = None if picture is None else picture[..., :3].contiguous()
+        values["specular_texture"] = None if picture is None else channels_of(picture, 0, 3)
         uses = {k: parse_map(self._entry[k]) for k in ("map_pr", "map_pm") if k in self._entry}
         planes = {k: self._maps.channel(use, self._name) for k, use in uses.items()}
         planes = {k: p for k, p in planes.items() if p is not None}
@@ -287,7 +288,7 @@ def _two_channels(rough: Tensor | None, metal: Tensor | None) -> Tensor:
 def _with_alpha(texture: Tensor | None, mask: Tensor) -> dict[str, Any]:
     """An RGBA texture; a mask of another size is scaled to it. Sharp masks cut holes, soft ones blend."""
     soft = float(((mask > 0.1) & (mask < 0.9)).float().mean()) > _SHARP
-    color = torch.ones(*mask.shape, 3) if texture is None else texture[..., :3]
+    color = torch.ones(*mask.shape, 3) if texture is None else channels_of(texture, 0, 3)
     size = (max(color.shape[0], mask.shape[0]), max(color.shape[1], mask.shape[1]))
     whole = torch.cat([_scaled(color, size), _scaled(mask[..., None], size)], dim=-1)
     return {"diffuse_texture": whole, "blend": soft, "alpha_cutoff": None if soft else 0.5}

@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import ImageFileError
-from torchrender.images.files import read_image
+from torchrender.images.files import read_texture
+from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.report import Notes
-from torchrender.scene.files.texture_file import as_texture, find_beside
+from torchrender.scene.files.texture_file import find_beside
 from torchrender.scene.material import Sampler
 
 _OPTIONS = {
@@ -93,7 +94,8 @@ class MapReader:
         if picture is None or "-mm" not in use.options:
             return picture
         base, gain = use.numbers("-mm", [0.0, 1.0])
-        return torch.cat([(picture[..., :3] * gain + base).clamp_min(0.0), picture[..., 3:]], dim=-1)
+        color, alpha = channels_of(picture, 0, 3), channels_of(picture, 3, picture.shape[2])
+        return torch.cat([(color * gain + base).clamp_min(0.0), alpha], dim=-1)
 
     def channel(self, use: MapUse, material: str) -> Tensor | None:
         """(H,W) plain numbers of the channel that the options name: the luminance, or of a grey picture its grey."""
@@ -103,15 +105,15 @@ class MapReader:
         name = use.options.get("-imfchan", ["l"])[0].lower()
         place = _CHANNELS.get(name)
         if place is not None and place < picture.shape[2]:
-            return picture[..., place]
-        return picture[..., :3].mean(dim=-1)
+            return channels_of(picture, place, place + 1)[..., 0]
+        return channels_of(picture, 0, 3).mean(dim=-1)
 
     def _load(self, name: str, material: str, *, encoded: bool) -> Tensor | None:
         found = find_beside(self._path, name)
         if found != self._path.parent / name.replace("\\", "/"):
             self._notes.repaired(f"picture {name!r} is not there, {found.name} beside the file is taken")
         try:
-            return as_texture(read_image(found, encoded=encoded))
+            return read_texture(found, encoded=encoded)
         except ImageFileError as error:
             self._notes.missing(f"material {material!r}", f"texture {name!r}: {error.reason}")
             return None
@@ -119,7 +121,7 @@ class MapReader:
 
 def is_normal_map(picture: Tensor) -> bool:
     """Whether a picture named as a bump map holds normals: it is coloured, and mostly points outwards."""
-    means = picture[..., :3].mean(dim=(0, 1))
+    means = channels_of(picture, 0, 3).mean(dim=(0, 1))
     return bool(means[2] > 0.7) and bool((means[:2] - 0.5).abs().max() < 0.2)
 
 

@@ -18,6 +18,7 @@ from PIL import Image
 from torch import Tensor
 
 from torchrender.numerics.color import srgb_from_linear
+from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.gltf.out.document import GlbDocument
 from torchrender.scene.material import DIELECTRIC_F0, PLAIN, Material, Sampler
 
@@ -70,7 +71,9 @@ class MaterialWriter:
         texture = material.diffuse_texture
         if texture is not None and float(base.max()) > 1.0:
             # Factors end at one; the texture takes what is above.
-            texture = torch.cat([texture[..., :3] * base.clamp_min(1.0), texture[..., 3:]], dim=-1)
+            texture = torch.cat(
+                [channels_of(texture, 0, 3) * base.clamp_min(1.0), channels_of(texture, 3, texture.shape[2])], dim=-1
+            )
             base = base.clamp(max=1.0)
         sees_through = material.blend or material.alpha_cutoff is not None
         alpha = material.opacity if sees_through else 1.0
