@@ -317,3 +317,24 @@ def test_each_way_between_mirrors_adds_the_light_of_its_air(way: str, bounces: i
     slant = math.hypot(2.0, 0.4) / 2.0
     wanted = 1.0 - math.exp(-0.2 * slant * (2.0 + 4.0 * bounces + 4.0))
     assert float(seen.mean()) == pytest.approx(wanted, abs=2e-3)
+
+
+@pytest.mark.parametrize("way", ["traced", "clustered"])
+def test_a_mirror_shows_fog_that_lies_behind_the_eye(way: str) -> None:
+    """Two units of it before a wall that shines, with nothing of it in view."""
+
+    def wall(z: float, material: int) -> tr.Mesh:
+        corners = torch.tensor([[-9.0, -9.0, z], [9.0, -9.0, z], [9.0, 9.0, z], [-9.0, 9.0, z]])
+        faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+        return tr.Mesh(vertices=corners, faces=faces if material == 0 else faces.flip(1), material=material)
+
+    mirror = Material(metallic=1.0, roughness=0.0, diffuse=[1.0, 1.0, 1.0])
+    shining = Material(diffuse=[0.0, 0.0, 0.0], emission=[4.0, 2.0, 1.0])  # bright enough that no sun is added
+    air = fog(low=[-50, -50, 3.0], high=[50, 50, 5.0], scattering=0.0, absorption=0.5)
+    scene = Scene(meshes=[wall(0.0, 0), wall(6.0, 1)], materials=[mirror, shining], media=[air])
+    camera = Cameras.look_at([0, 0, 2], [0, 0, 0], width=5, height=5, fov_deg=1.0)
+    options = RenderOptions(reflections=way)
+    assert reason(scene, camera, options) == "+ a mirror may show a medium"
+    assert reason(scene, camera, RenderOptions(reflections="off")).startswith("- no medium in view")
+    seen = tr.render(scene, camera, options=options).radiance[0, 2, 2]
+    torch.testing.assert_close(seen, math.exp(-1.0) * torch.tensor([4.0, 2.0, 1.0]), rtol=2e-3, atol=1e-5)

@@ -24,8 +24,9 @@ from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
 from torchrender.passes.light.sky_shadow import SKY_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
-from torchrender.passes.mirrors.air import air_along, illumination_of, lit_by, shadows_in_air
+from torchrender.passes.mirrors.air import air_along, before_mirrors, illumination_of, lit_by, shadows_in_air
 from torchrender.passes.mirrors.reflections import REFLECTIONS
+from torchrender.passes.mirrors.reflective_pixel import mirrors
 from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.picture.darkened import change_of_hits, darkened
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -88,7 +89,10 @@ def applies(outlook: Outlook) -> Verdict:
         return Verdict(False, "media are turned off")
     if isinstance(outlook.samples, RaySurface) and len(boxes_of(outlook.scene.media)):
         return Verdict(True, "media may shadow what rays hit")
-    return outlook.fact(_verdict)
+    verdict = outlook.fact(_verdict)
+    if not verdict.runs and before_mirrors(outlook.scene, outlook.options) and mirrors(outlook).runs:
+        return Verdict(True, "a mirror may show a medium")
+    return verdict
 
 
 def asks(outlook: Outlook) -> Buffers:

@@ -93,7 +93,7 @@ class Notes:
 
     def known_normals(self, values: Array) -> Array:
         """Normals (N,3) of a file, zero, which stands for "not known", where they are NaN or infinite."""
-        wrong = ~np.isfinite(values).all(axis=1)
+        wrong: Any = ~np.isfinite(values).all(axis=1)
         if not wrong.any():
             return values
         self.repaired(UNKNOWN_NORMALS, int(wrong.sum()))
