@@ -7,17 +7,21 @@ import os
 import subprocess
 import sys
 import tarfile
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from torchrender.batch import Job, SceneSource, run
 from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import MANIFEST, alone_in, open_folder
 from torchrender.batch.local import TRIES, BatchError
+from torchrender.batch.said import MOST_TOLD
 from torchrender.batch.work import ChunkMaker
-from torchrender.errors import ImageFileError, InputError, OptionError
+from torchrender.errors import ImageFileError, InputError, LightWarning, OptionError, SceneWarning
 from torchrender.raster import rasterize
 from torchrender.scene.cameras.path import built_in_path
 from torchrender.scene.load import load
@@ -36,8 +40,9 @@ import json, sys
 print(json.dumps({"ready": True}), flush=True)
 for line in sys.stdin:
     chunk = int(line)
+    said = {}
     %s
-    print(json.dumps({"chunk": chunk, "files": [], "ms": 1.0}), flush=True)
+    print(json.dumps({"chunk": chunk, "files": [], "ms": 1.0, "said": said}), flush=True)
 """
 
 
@@ -211,3 +216,31 @@ def test_a_worker_whose_driver_is_gone_ends_quietly(tmp_path: Path) -> None:
         worker.stdout.close()
         assert worker.wait(120) == 1
         assert worker.stderr.read() == b""
+
+
+def test_what_is_said_of_a_picture_names_its_camera_and_is_in_its_record(tmp_path: Path) -> None:
+    cameras = built_in_path(SCENE, "orbit").cameras(2, width=24, height=16, near=0.1)
+    turned = cameras.camera_from_world.clone()
+    turned[1] = torch.diag(torch.tensor([-1.0, 1.0, -1.0, 1.0], dtype=torch.float64)) @ turned[1]
+    asked = Job(SOURCE, replace(cameras, camera_from_world=turned), names=("towards", "away"), chunk=2)
+    assert not asked.wishes
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        record = ChunkMaker(SCENE, asked, tmp_path).make(0)
+    ((text, kind),) = record["said"].items()
+    assert text.startswith("city: camera 'away' sees nothing") and kind == "ViewWarning"
+
+
+def test_what_workers_say_is_said_once_each(tmp_path: Path, fake) -> None:
+    fake("said = {'all is dark': 'LightWarning', f'about {chunk}': 'SceneWarning'}")
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        run(job(6), tmp_path / "few", workers=1)
+    assert sorted((str(one.message), one.category) for one in heard) == [
+        *((f"about {chunk}", SceneWarning) for chunk in range(3)), ("all is dark", LightWarning)
+    ]  # fmt: skip
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        run(job(2 * MOST_TOLD + 8), tmp_path / "many", workers=1)
+    assert len(heard) == MOST_TOLD + 1
+    assert str(heard[-1].message) == "5 more warnings are in the records of the chunks"

@@ -211,6 +211,12 @@ def test_a_picture_that_took_longer_is_told(capsys: pytest.CaptureFixture[str]) 
 
 def test_image_size_and_numbers() -> None:
     assert cli.image_size("640x480") == (640, 480)
+    assert cli.image_size("32768x8192") == (32768, 8192)
+    for wrong in ("32769x1", "0x5", "32768x8193", "9" * 5000 + "x5"):
+        with pytest.raises(OptionError, match="--size must have sides of 1 to 32768 pixels, and 268,435,456 pixels at"):
+            cli.image_size(wrong)
+    with pytest.raises(OptionError, match="--size must look like 1024x768, got '1e9x5'"):
+        cli.image_size("1e9x5")
     assert numbers("x", "1,-2.5,3e1", 3) == [1.0, -2.5, 30.0]
     for wrong in ("nan,0,0", "1,2,3,4", "", "1;2;3", "inf,0,0"):
         with pytest.raises(OptionError, match="x must be 3 numbers"):
@@ -378,3 +384,18 @@ def test_what_a_file_holds_does_not_reach_the_terminal_as_it_is(tmp_path, capsys
     said = capsys.readouterr().err
     assert said.startswith("torchrender: error: ") and said.endswith("\n") and "\\x1b" in said
     assert said[:-1].isprintable()
+
+
+@pytest.mark.parametrize("error", [MemoryError("no room"), RuntimeError("DefaultCPUAllocator: can't allocate memory")])
+def test_memory_that_ran_out_is_told_in_one_line(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setitem(cli._COMMANDS, "scenes", fail)
+    assert cli.main(["scenes"]) == 2
+    assert capsys.readouterr().err == f"torchrender: error: out of memory: {error}\n"
+    monkeypatch.setitem(cli._COMMANDS, "scenes", lambda _: (_ for _ in ()).throw(RuntimeError("a fault")))
+    with pytest.raises(RuntimeError, match="a fault"):
+        cli.main(["scenes"])

@@ -73,7 +73,7 @@ def test_the_light_of_a_beam_in_thin_air_is_that_of_its_cone(outer_deg: float) -
 def test_mirrors_in_a_medium_show_what_it_leaves_and_not_less(way: str) -> None:
     """A periscope of two mirrors under light from everywhere, which the medium keeps from them, and they replace.
 
-    It ends behind the mirrors: ways from one mirror to the next are the last that count.
+    All of the way counts: to the first mirror, from there to the second, and on to what that shows.
     """
 
     def square(middle: tuple[float, ...], up: tuple[float, ...], material: int) -> tr.Mesh:
@@ -87,11 +87,11 @@ def test_mirrors_in_a_medium_show_what_it_leaves_and_not_less(way: str) -> None:
         meshes=[square((0, 0, 0), (0, 1, -1), 0), square((0, 4, 0), (0, 1, -1), 0), square((0, 4, -6), (0, 1, 0), 1)],
         materials=[mirror, shining],
         ambient=torch.full((3,), 0.35),
-        media=[fog(low=[-50, -50, -1e-6], high=[50] * 3, scattering=0.0, absorption=0.1)],
+        media=[fog(low=[-50] * 3, high=[50] * 3, scattering=0.0, absorption=0.1)],
     )
     camera = Cameras.look_at([0, 0, 5], [0, 0, 0], width=5, height=5, fov_deg=1.0)
     image = tr.render(scene, camera, options=RenderOptions(reflections=way))
-    wanted = math.exp(-0.9) * torch.tensor([1.0, 0.5, 0.25])
+    wanted = math.exp(-0.1 * (5 + 4 + 6)) * torch.tensor([1.0, 0.5, 0.25])
     torch.testing.assert_close(image.radiance[0, 2, 2], wanted, rtol=2e-3, atol=1e-5)
 
 
@@ -287,3 +287,54 @@ def test_media_that_absorb_nothing_leave_even_light_even() -> None:
     """What they scatter away they scatter back: a white floor in fog under a white sky is as white as the sky."""
     floor = 0.5 * math.exp(-0.6) + (1.0 - math.exp(-0.6))
     assert torch.allclose(lit_from_everywhere(0.0, 0.3, environment=False), torch.full((3,), floor), rtol=0.01)
+
+
+def corridor(**changes: object) -> Scene:
+    """Two mirrors that face each other, four units apart, and grey air that scatters light from everywhere."""
+    mirror = Material(metallic=1.0, roughness=0.0, diffuse=[1.0, 1.0, 1.0])
+    corners = torch.tensor([[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [-9.0, 9.0, 0.0]])
+    faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+    far = tr.Mesh(vertices=corners + torch.tensor([0.0, 0.0, 4.0]), faces=faces.flip(1))
+    near = tr.Mesh(vertices=corners, faces=faces)
+    return Scene(meshes=[near, far], materials=[mirror], **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("way", ["traced", "clustered"])
+@pytest.mark.parametrize("bounces", [1, 2, 3])
+def test_each_way_between_mirrors_adds_the_light_of_its_air(way: str, bounces: int) -> None:
+    """Beyond the last mirror nothing shines: what is seen is the light of so much air, up to where that ends."""
+    air = fog(low=[-99, -99, 0.0], high=[99, 99, 4.0], scattering=0.2, absorption=0.0)
+    scene = corridor(ambient=torch.full((3,), 1.0), media=[air])
+    camera = Cameras.look_at([0.0, 0.0, 2.0], [0.4, 0.0, 0.0], width=3, height=3, fov_deg=0.5)
+    options = RenderOptions(
+        reflections=way,
+        tracing=tr.TraceOptions(bounces=bounces),
+        ambient_visibility="off",
+        background=[0.0, 0.0, 0.0],
+        scattering=ScatterOptions(surfaces=False),
+    )
+    seen = tr.render(scene, camera, options=options).radiance[0, 1, 1]
+    slant = math.hypot(2.0, 0.4) / 2.0
+    wanted = 1.0 - math.exp(-0.2 * slant * (2.0 + 4.0 * bounces + 4.0))
+    assert float(seen.mean()) == pytest.approx(wanted, abs=2e-3)
+
+
+@pytest.mark.parametrize("way", ["traced", "clustered"])
+def test_a_mirror_shows_fog_that_lies_behind_the_eye(way: str) -> None:
+    """Two units of it before a wall that shines, with nothing of it in view."""
+
+    def wall(z: float, material: int) -> tr.Mesh:
+        corners = torch.tensor([[-9.0, -9.0, z], [9.0, -9.0, z], [9.0, 9.0, z], [-9.0, 9.0, z]])
+        faces = torch.tensor([[0, 1, 2], [0, 2, 3]])
+        return tr.Mesh(vertices=corners, faces=faces if material == 0 else faces.flip(1), material=material)
+
+    mirror = Material(metallic=1.0, roughness=0.0, diffuse=[1.0, 1.0, 1.0])
+    shining = Material(diffuse=[0.0, 0.0, 0.0], emission=[4.0, 2.0, 1.0])  # bright enough that no sun is added
+    air = fog(low=[-50, -50, 3.0], high=[50, 50, 5.0], scattering=0.0, absorption=0.5)
+    scene = Scene(meshes=[wall(0.0, 0), wall(6.0, 1)], materials=[mirror, shining], media=[air])
+    camera = Cameras.look_at([0, 0, 2], [0, 0, 0], width=5, height=5, fov_deg=1.0)
+    options = RenderOptions(reflections=way)
+    assert reason(scene, camera, options) == "+ a mirror may show a medium"
+    assert reason(scene, camera, RenderOptions(reflections="off")).startswith("- no medium in view")
+    seen = tr.render(scene, camera, options=options).radiance[0, 2, 2]
+    torch.testing.assert_close(seen, math.exp(-1.0) * torch.tensor([4.0, 2.0, 1.0]), rtol=2e-3, atol=1e-5)

@@ -60,7 +60,9 @@ def test_there_is_one_file_per_pass_and_no_pass_without_one() -> None:
         "probe",
         "hidden_light",
         "darkened",
-    }  # what passes of light keep while something moves, and find out; what media take from light
+        "air",
+        "onward",
+    }  # what passes of light keep while something moves, and find out; what media do to light; how mirrors see mirrors
     assert files == {step.name for step in PASSES}
 
 

@@ -254,3 +254,18 @@ def test_a_scene_without_anything_is_told_of() -> None:
     sky = tr.Environment.constant([0.5, 0.6, 0.8])
     air = tr.Medium(low=[-1, -1, -1], high=[1, 1, 1])
     assert scene_doubts(tr.Scene(environment=sky)) == [] == scene_doubts(tr.Scene(media=[air]))
+
+
+def test_a_beam_that_may_fall_between_pixels_is_named() -> None:
+    """From four units above a floor: a beam as wide as 0.07 is seen by pixels of 0.02 and not by those of 0.24."""
+    floor = tr.Mesh.plane(4.0)
+    beam = tr.SpotLight(position=[0.03, 2, 0.01], direction=[0, -1, 0], outer_deg=1.0 - 1e-6, name="pointer")
+    aside = replace(beam, position=torch.tensor([1.9, 2, 1.9]), name="elsewhere")
+    coarse, fine = (tr.Cameras.look_at([0, 4, 0.1], [0, 0, 0], width=n, height=n, fov_deg=30) for n in (9, 96))
+    told = r"test: the beam of light 'pointer' is 0\.29 pixels wide where it ends: it may fall between them"
+    with pytest.warns(LightWarning, match=told):
+        tr.render(scene(floor, lights=[beam, SUN]), coarse)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tr.render(scene(floor, lights=[beam, SUN]), fine)
+        tr.render(scene(floor, lights=[aside, SUN]), coarse)

@@ -11,16 +11,21 @@ from torch import Tensor
 from torchrender.buffers import RayHits
 from torchrender.effects.reflections.reflectors import ReflectedRays
 from torchrender.effects.reflections.traced import TraceOptions
+from torchrender.effects.shadows.soft_shadow import SoftShadowOptions
 from torchrender.numerics.texture import build_pyramid, sample_texture
+from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.renderer import render
+from torchrender.renderer import light_of_samples, render
 from torchrender.report.common.hits import hit_shader
 from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
+from torchrender.scene.light import RectLight
 from torchrender.scene.material import Material
 from torchrender.scene.model import Scene
-from torchrender.scene.shapes import quad
+from torchrender.scene.shapes import box, quad
 
 SIDE, CELLS = 8.0, 64
 
@@ -99,3 +104,61 @@ def test_a_mirror_shows_metal_with_its_textures() -> None:
     # The plate mirrors the mirror, which mirrors the plate once more, and so on: between one and three times gold.
     assert bool((seen <= gold + 0.02).all()) and bool((seen >= gold**3 - 0.02).all())
     assert float(seen[2] / seen[0]) < 0.4
+
+
+def below_a_lamp() -> tuple[Scene, Cameras]:
+    """A beam over a floor, below a lamp as wide as it is high; and a view of what it shadows."""
+    floor = quad(torch.tensor([-4.0, 0.0, 4.0]), torch.tensor([8.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, -8.0]))
+    beam = box(torch.tensor([0.6, 0.2, 6.0]))
+    beam = replace(beam, vertices=beam.vertices + torch.tensor([0.0, 1.2, 0.0]))
+    lamp = RectLight(corner=[-1, 3, -1], edge_u=[2, 0, 0], edge_v=[0, 0, 2], radiance=2.0)
+    camera = Cameras.look_at([0.0, 1.0, 0.1], [0.0, 0.0, 0.0], width=64, height=64, fov_deg=100.0, near=0.01)
+    return Scene(meshes=(floor, beam), materials=(Material(), Material(specular=1.0)), lights=(lamp,)), camera
+
+
+def shown_to_rays(scene: Scene, camera: Cameras, options: RenderOptions) -> Tensor:
+    """Light (N,3) that the rays of a camera bring as those of a mirror would."""
+    origin, direction = (rays.reshape(-1, 3) for rays in camera.rays())
+    direction = torch.nn.functional.normalize(direction, dim=-1)
+    none = torch.zeros(len(origin), dtype=torch.float64)
+    hits = RayCaster(scene.geometry).first_hit(origin, direction)
+    assert bool(hits.hit.all())
+    return hit_shader(scene, options)(ReflectedRays(origin, direction, none, none), hits)
+
+
+FOUR = RenderOptions(area_shadows="sampled", soft_shadow=SoftShadowOptions(light_samples=4))
+
+
+def test_hits_have_the_shadows_of_lamps_that_the_picture_has() -> None:
+    """Rays of the eye bring what the eye sees: sampled penumbrae as they are, hard ones but for the borders in maps."""
+    scene, camera = below_a_lamp()
+    for options, most in ((RenderOptions(area_shadows="hard"), 0.05), (FOUR, 1e-4)):
+        seen = render(scene, camera, options=options).radiance.reshape(-1, 3)
+        apart = (shown_to_rays(scene, camera, options) - seen).abs()
+        assert float(apart.mean()) < most * float(seen.mean())
+
+
+def test_guessed_penumbrae_of_hits_are_nearer_to_the_truth_than_hard_shadows() -> None:
+    scene, camera = below_a_lamp()
+    truth = render(scene, camera, options=RenderOptions(area_shadows="sampled")).radiance.reshape(-1, 3)
+    hard, guessed = (
+        float((shown_to_rays(scene, camera, RenderOptions(area_shadows=way)) - truth).abs().mean())
+        for way in ("hard", "pcss")
+    )
+    assert guessed < 0.96 * hard
+
+
+def test_samples_beside_a_picture_keep_its_shader_of_hits() -> None:
+    """Extra layers of a stream are lit as the picture: what mirrors show is not made anew for each of both in turn."""
+    scene, camera = below_a_lamp()
+    mirror = quad(torch.tensor([-1.0, 0.01, 1.0]), torch.tensor([2.0, 0.0, 0.0]), torch.tensor([0.0, 0.0, -2.0]))
+    scene = replace(scene, meshes=(*scene.meshes, replace(mirror, material=1)))
+    few = SoftShadowOptions(light_samples=4)
+    options = RenderOptions(area_shadows="sampled", soft_shadow=few, reflections="traced")
+    history = render(scene, camera, options=options, history=RenderHistory()).history
+    assert history is not None and history.last(HIT_SHADER) is not None
+    lit = light_of_samples(scene, rasterize(scene, camera), options, history)
+    assert lit.history.last(HIT_SHADER) is history.last(HIT_SHADER)
+    assert lit.plan.options.area_shadows == "sampled"
+    alone = light_of_samples(scene, rasterize(scene, camera), options)
+    assert alone.plan.options.area_shadows == "pcss"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -157,6 +158,10 @@ def test_lights_normalise_and_check():
         PointLight(position=torch.tensor([0.0, 1]))
     with pytest.raises(OptionError, match="inner_deg"):
         SpotLight(position=torch.zeros(3), direction=torch.ones(3), inner_deg=40, outer_deg=30)
+    for outer, inner in ((5.0, 10.0 / 3.0), (30.0, 20.0), (60.0, 20.0)):
+        usual = SpotLight(position=torch.zeros(3), direction=torch.ones(3), outer_deg=outer)
+        assert usual.inner_deg == pytest.approx(inner)
+        assert replace(usual, inner_deg=1.0, outer_deg=2.0).inner_deg == 1.0
     spot = SpotLight(position=torch.zeros(3), direction=torch.tensor([0.0, -1, 0]), inner_deg=20, outer_deg=40)
     share = spot.cone(torch.cos(torch.deg2rad(torch.tensor([0.0, 19, 30, 41, 180]))))
     assert share[:2].tolist() == [1, 1] and share[3:].tolist() == [0, 0]
@@ -313,3 +318,9 @@ def test_an_unknown_object_tells_how_many_there_are() -> None:
     few = Scene(meshes=[Mesh(**CORNER, name=f"part {number}") for number in range(8)])
     with pytest.raises(InputError, match=r"part 6, part 7$"):
         few.mesh("zzz")
+
+
+def test_meshes_without_any_material_are_told_so() -> None:
+    with pytest.raises(InputError, match="materials must not be empty: mesh 'plane' has number 0 of them"):
+        Scene(meshes=[Mesh.plane(1.0)], materials=[])
+    assert Scene(materials=[]).materials == ()

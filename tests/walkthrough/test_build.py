@@ -271,3 +271,17 @@ def test_the_empty_rim_of_a_held_out_photo_does_not_count(stages):
     )
     assert abs(plain.mean_psnr_db - other.mean_psnr_db) < 1.0
     assert other.mean_coverage > 0.99
+
+
+@pytest.mark.parametrize("files", [False, True])
+def test_a_depth_picture_of_another_size_does_not_decide_for_all(files, tmp_path):
+    """Neither where the first one is it, nor where sizes are read from files."""
+    sequence = capture(3, 48)
+    frames = [replace(sequence.frames[0], depth=sequence.frames[0].depth[::2, ::2].copy()), *sequence.frames[1:]]
+    if files:
+        for k, frame in enumerate(frames):
+            np.save(tmp_path / f"{k}.npy", frame.depth)
+            frames[k] = replace(frame, depth=tmp_path / f"{k}.npy")
+    with pytest.warns(CaptureWarning, match="1 frames left out, depth is 24x24, that of most is 48x48: 00000"):
+        made = build_walkthrough(RgbdSequence(tuple(frames)), OPTIONS)
+    assert made.report["photos"] == 2 and set(made.report["left_out"]) == {"00000"}

@@ -18,6 +18,7 @@ from typing import Any
 from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import alone_in, note, open_folder
 from torchrender.batch.job import Job
+from torchrender.batch.said import Said, note_said, say_all
 from torchrender.errors import OptionError, TorchRenderError
 
 TRIES = 3
@@ -93,6 +94,7 @@ class _Pool:
         self._wall = ""  # why nothing can go on
         self._slowest_s: float | None = None  # of the chunks that are done
         self._tries: dict[int, int] = {}
+        self._said: Said = {}
         self._left: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._processes: set[subprocess.Popen[str]] = set()
@@ -112,6 +114,7 @@ class _Pool:
             raise
         if self._wall:
             raise BatchError(f"{self._wall}; {self._done} of {len(self._job.cameras)} cameras are done and stay")
+        say_all(self._said)
         return Outcome(self._done, self._made, self._failed, self._restarts)
 
     def _drive(self, threads: int) -> None:
@@ -199,6 +202,7 @@ class _Pool:
             count = len(self._job.rows(record["chunk"]))
             self._done += count
             self._made += count
+            note_said(self._said, record)
             if self._tell is not None:
                 self._tell(self._done, len(self._job.cameras))
 

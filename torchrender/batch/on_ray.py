@@ -18,6 +18,7 @@ from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import alone_in, load_job, note
 from torchrender.batch.job import Job
 from torchrender.batch.local import BatchError, Outcome, Tell, begin
+from torchrender.batch.said import Said, collecting, note_said, say_all
 from torchrender.batch.work import ChunkMaker
 from torchrender.errors import OptionError
 from torchrender.extras import check_extra
@@ -35,7 +36,8 @@ class ChunkActor:
         self._folder, self._threads = Path(folder), threads
         torch.set_num_threads(threads)
         self._job, known = load_job(self._folder)
-        scene = self._job.scene.load()
+        with collecting({}):  # whoever began the batch has read the scene, too, and was told
+            scene = self._job.scene.load()
         self._changed = scene_digest(scene) != known
         self._maker = ChunkMaker(scene, self._job, self._folder)
 
@@ -109,6 +111,7 @@ def _run(
 
 def _noted(job: Job, folder: Path, done: int, records: Iterator[dict[str, Any]], tell: Tell | None) -> Outcome:
     failed: dict[int, str] = {}
+    said: Said = {}
     made = 0
     for record in records:
         if record.get("for_all"):
@@ -119,8 +122,10 @@ def _noted(job: Job, folder: Path, done: int, records: Iterator[dict[str, Any]],
         note(folder, record)
         count = len(job.rows(record["chunk"]))
         done, made = done + count, made + count
+        note_said(said, record)
         if tell is not None:
             tell(done, len(job.cameras))
+    say_all(said)
     return Outcome(done, made, failed, 0)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from torchrender.batch.folder import file_record
 from torchrender.batch.job import Job
+from torchrender.batch.said import Said, collecting
 from torchrender.errors import TorchRenderError
 from torchrender.images.files import png_bytes, write_atomically, write_bytes
 from torchrender.pipeline.history import RenderHistory
@@ -33,6 +34,7 @@ class ChunkMaker:
     def __init__(self, scene: Scene, job: Job, folder: Path) -> None:
         self._scene, self._job, self._folder = scene, job, folder
         self._shared = RenderHistory.alone()
+        self._said: Said = {}  # of the chunk that is made
 
     def answer(self, chunk: int) -> dict[str, Any]:
         """The record of a chunk that was made, or ``failed`` with the reason; ``for_all``: others will fail, too."""
@@ -48,13 +50,13 @@ class ChunkMaker:
         """Render a chunk into the folder; the files appear whole or not at all.
 
         Returns:
-            Its record: number, files with bytes and digests, milliseconds.
+            Its record: number, files with bytes and digests, milliseconds, and warnings, if there were some.
 
         Raises:
             ImageFileError: a file cannot be written.
         """
         begin = perf_counter()
-        files = []
+        files, self._said = [], {}
         if self._job.shards:
             files.append(self._folder / f"shard_{chunk:06d}.tar")
             write_atomically(files[0], lambda path: _write_shard(path, self.contents(chunk)))
@@ -63,7 +65,8 @@ class ChunkMaker:
                 files.append(self._folder / name)
                 write_bytes(files[-1], data)
         written = [file_record(file) for file in files]
-        return {"chunk": chunk, "files": written, "ms": round(1e3 * (perf_counter() - begin), 1)}
+        record = {"chunk": chunk, "files": written, "ms": round(1e3 * (perf_counter() - begin), 1)}
+        return record | ({"said": self._said} if self._said else {})
 
     def contents(self, chunk: int) -> Iterator[tuple[str, bytes]]:
         """Names and bytes of the files of a chunk."""
@@ -73,10 +76,12 @@ class ChunkMaker:
         for number in job.rows(chunk):
             camera, name = job.cameras[number], f"{job.names[number]}.{job.format}"
             if job.what == "depth":
-                arrays = rasterize(scene, camera, outputs=job.outputs)
+                with collecting(self._said, job.names[number]):
+                    arrays = rasterize(scene, camera, outputs=job.outputs)
                 yield name, _npz({key: value[0].numpy() for key, value in arrays.items()})
                 continue
-            image = render(scene, camera, options=options, history=history)
+            with collecting(self._said, job.names[number]):
+                image = render(scene, camera, options=options, history=history)
             assert image.history is not None
             self._shared = replace(image.history.shared(), pace=None, pictures=0, drawn=None, sequence=False)
             history = image.history if film else self._shared

@@ -23,6 +23,7 @@ def main(folder: Path, threads: int) -> int:
 
     from torchrender.batch.digest import scene_digest
     from torchrender.batch.folder import load_job
+    from torchrender.batch.said import collecting
     from torchrender.batch.work import ChunkMaker
     from torchrender.errors import TorchRenderError
 
@@ -33,7 +34,8 @@ def main(folder: Path, threads: int) -> int:
     torch.set_num_threads(threads)  # those of kernels follow the environment
     try:
         job, known = load_job(folder)
-        scene = job.scene.load()
+        with collecting({}):  # whoever began the batch has read the scene, too, and was told
+            scene = job.scene.load()
         if scene_digest(scene) != known:
             tell({"failed": f"{job.scene.path_or_name} has changed since the batch began", "for_all": True})
             return 1

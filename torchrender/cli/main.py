@@ -69,6 +69,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TorchRenderError as error:
         print(f"torchrender: error: {plain(say_option(error, arguments))}", file=sys.stderr)
         return 2
+    except (MemoryError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and "allocate memory" not in str(error):  # as torch says it
+            raise
+        print(f"torchrender: error: out of memory: {plain(str(error))}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("torchrender: interrupted", file=sys.stderr)
         return 130

@@ -29,12 +29,20 @@ def image_size(text: str) -> tuple[int, int]:
     """Width and height from ``1024x768``.
 
     Raises:
-        OptionError: another form, or a side of zero.
+        OptionError: another form, a side outside of 1 to 32768, or more pixels than picture files may have.
     """
-    match = re.fullmatch(r"([1-9]\d{0,5})[xX]([1-9]\d{0,5})", text.strip())
+    from torchrender.images.files import MAX_PIXELS
+    from torchrender.scene.cameras.record import MAX_SIDE
+
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
     if match is None:
         raise OptionError(f"--size must look like 1024x768, got {text!r}")
-    return int(match[1]), int(match[2])
+    # Numbers of any length are read, but not those that Python takes long for.
+    width, height = (int(side[:9]) if len(side.lstrip("0")) < 9 else MAX_SIDE + 1 for side in match.groups())
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
+        limits = f"sides of 1 to {MAX_SIDE} pixels, and {MAX_PIXELS:,} pixels at most"
+        raise OptionError(f"--size must have {limits}, got {text!r}")
+    return width, height
 
 
 def check_output(path: Path, suffixes: Sequence[str]) -> None:

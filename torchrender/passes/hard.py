@@ -46,7 +46,7 @@ class Subject(Protocol):
 
     @property
     def shader(self) -> RayShader:
-        """Colours of what rays hit, with shadows by :data:`SMALL_SHADOW`."""
+        """Colours of what rays hit, with hard shadows by :data:`SMALL_SHADOW`."""
 
     @property
     def area_lights(self) -> list[RectLight]:

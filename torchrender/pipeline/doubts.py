@@ -76,6 +76,25 @@ def looking_about() -> Iterator[None]:
         _LOOKING_ABOUT.reset(token)
 
 
+_CAMERA_NAMES: ContextVar[tuple[str, ...]] = ContextVar("camera_names", default=())
+
+
+@contextlib.contextmanager
+def naming_cameras(*names: str) -> Iterator[None]:
+    """Cameras of pictures that are made here have these names; an empty one: its number."""
+    token = _CAMERA_NAMES.set(names)
+    try:
+        yield
+    finally:
+        _CAMERA_NAMES.reset(token)
+
+
+def camera_told(number: int) -> str:
+    """A camera as texts name it."""
+    names = _CAMERA_NAMES.get()
+    return f"camera {names[number]!r}" if number < len(names) and names[number] else f"camera {number}"
+
+
 def exposure_of(scene: Scene, options: RenderOptions, *, quiet: bool = False) -> float | None:
     """EV for display, None for automatic; lights in candela and lux ask for the latter: said, if not quiet."""
     if not isinstance(options.exposure, str):

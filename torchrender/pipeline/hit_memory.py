@@ -42,18 +42,19 @@ class HitMemory:
     added: list[Remembered] = field(default_factory=list)
     count: int = 0
 
-    def following(self, before: Scene, scene: Scene, moved: Swept, reach: float) -> HitMemory:
+    def following(self, before: Scene, scene: Scene, moved: Swept, reach: float, *, hard: bool) -> HitMemory:
         """For a picture of a scene in which something has moved.
 
         Args:
             reach: scene units within which what moved may hide light from everywhere; negative: there is none.
+            hard: lights with an area cast shadows as if they had none.
         """
         parts = list(self.added)
         if not parts:
             return HitMemory()
         names = ("key", "position", "triangle", "radiance")
         key, position, triangle, radiance = (torch.cat([getattr(p, n) for p in parts]) for n in names)
-        holds = moved.misses(position, scene.lights, scene.diagonal, hard=True).all(1)
+        holds = moved.misses(position, scene.lights, scene.diagonal, hard=hard).all(1)
         holds &= is_still(scene, triangle, moved.meshes)
         if reach >= 0 and before.diagonal == scene.diagonal:
             holds &= moved.beyond(position, reach)

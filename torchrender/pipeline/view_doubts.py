@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from torchrender.buffers import VisibilityBuffer
+from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.errors import LightWarning, NormalsWarning, ViewWarning
 from torchrender.numerics.winding import winding_number
-from torchrender.pipeline.doubts import ASKED, MOST, Doubt, is_looking_about, scene_doubts
+from torchrender.pipeline.doubts import ASKED, MOST, Doubt, camera_told, is_looking_about, scene_doubts
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import light_color
+from torchrender.scene.light import SpotLight, light_color
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 
@@ -23,6 +24,8 @@ CLOSE = 1e-6
 """Near plane that cuts nothing off, as a share of the camera's or of the scene's size, whichever is less."""
 FARTHEST = 1e18
 """Far plane that cuts nothing off, also of orthographic cameras, whose far plane is finite; scene units."""
+THIN_DEG = 1.0
+"""Half angle of a spot's cone below which it is asked whether its beam is wider than pixels."""
 INSIDE = 0.9
 """Winding number of an object about the eye from which on the eye is within it."""
 
@@ -36,11 +39,36 @@ def view_doubts(scene: Scene, seen: VisibilityBuffer) -> list[Doubt]:
     height, width = seen.triangle.shape[1:]
     rows, columns = (torch.arange(min(n, LOOKS)) * n // min(n, LOOKS) for n in (height, width))
     for number, triangle in enumerate(seen.triangle[:, rows][:, :, columns].flatten(1)):
+        found += _thin_beams(scene, seen, number)
         if not bool((triangle >= 0).any()):
             if not is_looking_about() and not bool((seen.triangle[number] >= 0).any()):
                 found += _nothing(scene, seen, number)
         elif not seen.cameras.orthographic:
             found += _sides(scene, geometry, triangle[triangle >= 0].unique(), (seen, number))
+    return found
+
+
+def _thin_beams(scene: Scene, seen: VisibilityBuffer, number: int) -> list[Doubt]:
+    """Beams of spots that end in view between pixels, or might."""
+    thin = [light for light in scene.lights if isinstance(light, SpotLight) and light.outer_deg < THIN_DEG]
+    if not thin or not isinstance(seen, GBuffer):
+        return []
+    covered = seen.covered[number]
+    places, spacing = seen.position[number][covered], seen.cameras[number].footprint(seen.depth[number][covered][None])
+    if not len(places):
+        return []
+    found: list[Doubt] = []
+    for light in thin:
+        if not bool((light.intensity > 0).any()):
+            continue
+        away = places - light.position
+        along = (away @ light.axis).clamp_min(0.0)
+        beside = (away - along[:, None] * light.axis).norm(dim=1)
+        nearest = int((beside - spacing[0]).argmin())
+        width = 2.0 * float(along[nearest]) * math.tan(math.radians(light.outer_deg))
+        if float(beside[nearest]) < float(spacing[0, nearest]) + width and width < float(spacing[0, nearest]):
+            told = f"{width / float(spacing[0, nearest]):.2g} pixels wide where it ends: it may fall between them"
+            found.append((LightWarning, f"{scene.name}: the beam of light {light.name!r} is {told}"))
     return found
 
 
@@ -56,7 +84,7 @@ def picture_doubts(scene: Scene, seen: VisibilityBuffer, radiance: Tensor) -> li
         covered = triangle >= 0
         if len(few) and not float(few.max()) > 0 and not float(light[covered].max()) > 0:
             told = _black(scene, triangle[covered].unique()) or _unlit(scene)
-            found.append((LightWarning, f"{scene.name}: camera {number} sees only black: {told}"))
+            found.append((LightWarning, f"{scene.name}: {camera_told(number)} sees only black: {told}"))
     return found
 
 
@@ -96,7 +124,7 @@ def _nothing(scene: Scene, seen: VisibilityBuffer, number: int) -> list[Doubt]:
             else f"it stands at {_told(eye)} and looks along {_told(ahead)}; "
             f"the scene lies between {_told(low)} and {_told(high)}"
         )
-    return [(ViewWarning, f"{scene.name}: camera {number} sees nothing: {told}")]
+    return [(ViewWarning, f"{scene.name}: {camera_told(number)} sees nothing: {told}")]
 
 
 def _through(scene: Scene, camera: Cameras) -> tuple[bool, str]:
@@ -153,7 +181,9 @@ def _sides(scene: Scene, geometry: Geometry, triangles: Tensor, view: tuple[Visi
         backs = float((((eye - a) * normal).sum(1) < 0).double().mean()) >= MOST
         if backs and not is_looking_about() and _surrounds(geometry, int(objects[0]), eye):
             name = _name(scene, int(objects[0]))
-            found.append((ViewWarning, f"{scene.name}: camera {number} stands inside {name!r}: all it sees are backs"))
+            found.append(
+                (ViewWarning, f"{scene.name}: {camera_told(number)} stands inside {name!r}: all it sees are backs")
+            )
     if geometry.normals is None:
         return found
     shading = geometry.normals[faces].double()

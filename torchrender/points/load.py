@@ -124,7 +124,7 @@ def _ply_points(path: Path, data: bytes, notes: Notes, drop: bool) -> PointCloud
 
 
 def _gltf_points(path: Path, data: bytes, notes: Notes, drop: bool) -> PointCloud:
-    columns: dict[str, Any] = {**read_gltf_points(path, data), "radius": None, "spread": None}
+    columns: dict[str, Any] = {**read_gltf_points(path, data, notes), "radius": None, "spread": None}
     return _cloud(path, columns, notes, drop)
 
 
@@ -139,6 +139,8 @@ def _cloud(path: Path, columns: dict[str, Any], notes: Notes, drop: bool) -> Poi
         columns = {k: None if v is None else v[~wrong] for k, v in columns.items()}
     if not len(columns["position"]):
         raise SceneFileError(path, "holds no points")
+    if columns["normal"] is not None:
+        columns = {**columns, "normal": notes.known_normals(columns["normal"])}
     notes.read("points", len(columns["position"]))
     tensors: dict[str, Any] = {k: None if v is None else torch.from_numpy(np.array(v)) for k, v in columns.items()}
     return PointCloud(**tensors, name=path.stem).completed()

@@ -25,7 +25,7 @@ from torchrender.points.codec import NORMALS, PackedNodes, compress, fit_palette
 from torchrender.points.file import SUFFIX, write_nodes
 from torchrender.points.pieces import RECORD, PointPieces, Survey
 from torchrender.points.tree import PatchHeaders, PatchOptions, build_patches, level_starts
-from torchrender.scene.files.report import Notes
+from torchrender.scene.files.report import UNKNOWN_NORMALS, Notes
 
 Array = np.ndarray[Any, Any]
 
@@ -98,6 +98,7 @@ def pack_points(
     notes = Notes(pieces.path)
     pieces.say_unused(notes)
     notes.repaired("points that are NaN or infinite: dropped", survey.invalid)
+    notes.repaired(UNKNOWN_NORMALS, survey.unknown)
     notes.close()
     splits = Splits(survey.sample, survey.count, options.block_points)
     folder = target.parent if target.parent.is_dir() else None

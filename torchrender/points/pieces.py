@@ -40,6 +40,7 @@ class Survey:
 
     count: int  # points that are finite
     invalid: int  # points that are not
+    unknown: int  # points whose normals are not
     bounds: Array  # (2,3) float64
     sample: Array  # (S,3) float64 positions, evenly through the file
     color_top: float | None  # code of white; None: linear light, or no colours
@@ -88,7 +89,7 @@ class PointPieces:
     def survey(self, most: int) -> Survey:
         """Count, bounds and about ``most`` positions."""
         step = -(-self._element.count // most)
-        count = row = 0
+        count = row = unknown = 0
         low, high, largest, kind = np.full(3, np.inf), np.full(3, -np.inf), 0.0, np.dtype(np.float64)
         chosen = []
         for columns in self._columns():
@@ -102,13 +103,15 @@ class PointPieces:
                 np.minimum(low, position.min(0, initial=np.inf)),
                 np.maximum(high, position.max(0, initial=-np.inf)),
             )
-            color = group_of(columns, COLORS)
+            normal, color = group_of(columns, NORMALS), group_of(columns, COLORS)
+            if normal is not None:
+                unknown += int((~np.isfinite(normal).all(axis=1)).sum())
             if color is not None:
                 kind = color.dtype
                 largest = max(largest, float(np.nan_to_num(color, posinf=0.0, neginf=0.0).max(initial=0)))
             self._refuse_clear(columns)
         top = color_top(kind, largest) if self.has_color else None
-        return Survey(count, row - count, np.stack([low, high]), np.concatenate(chosen), top)
+        return Survey(count, row - count, unknown, np.stack([low, high]), np.concatenate(chosen), top)
 
     def records(self, survey: Survey) -> Iterator[Array]:
         """All finite points, piece by piece: (N,) of type ``RECORD``."""
@@ -118,7 +121,7 @@ class PointPieces:
             out["position"] = position
             normal, color = group_of(columns, NORMALS), group_of(columns, COLORS)
             if normal is not None:
-                out["normal"] = np.nan_to_num(normal, posinf=0.0, neginf=0.0)
+                out["normal"] = np.where(np.isfinite(normal).all(axis=1, keepdims=True), normal, 0.0)
             if color is not None:
                 codes = np.nan_to_num(np.asarray(color, np.float64), posinf=0.0, neginf=0.0).clip(0.0)
                 out["color"] = codes if survey.color_top is None else decoded_colors(codes, survey.color_top)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import cast
 
 import torch
 from torch import Tensor
@@ -22,6 +23,11 @@ SHORTEST_RANGE = 1e-12
 """Of a light, scene units: its square must not vanish."""
 PLACES = ("position", "direction", "corner", "edge_u", "edge_v")
 """Fields that say where a light is."""
+
+
+def usual_inner_deg(outer_deg: float) -> float:
+    """Half angle of a spot's full light, where nobody says it."""
+    return min(20.0, 2.0 / 3.0 * outer_deg)
 
 
 def _white() -> Tensor:
@@ -90,12 +96,13 @@ class SpotLight:
     """A point light within a cone; full inside ``inner_deg``, none outside ``outer_deg`` (half angles).
 
     Between them it is the square of a share that is linear in the cosine. Source: glTF extension KHR_lights_punctual.
+    An inner angle that is not given, or None, is two thirds of the outer one, 20 at most.
     """
 
     position: Tensor  # (3,) float64
     direction: Tensor  # (3,) normalised
     intensity: Tensor = field(default_factory=_white)  # (3,)
-    inner_deg: float = 20.0
+    inner_deg: float = cast("float", None)  # none only until the light is made
     outer_deg: float = 30.0
     name: str = "spot"
     range: float = math.inf  # as of a point light
@@ -107,6 +114,8 @@ class SpotLight:
         _unit(self, "direction")
         check_no_gradient("a light", outer_deg=self.outer_deg, inner_deg=self.inner_deg)
         check_range("SpotLight.outer_deg", self.outer_deg, NARROWEST_DEG, WIDEST_DEG)
+        if self.inner_deg is None:
+            object.__setattr__(self, "inner_deg", usual_inner_deg(self.outer_deg))
         check_range("SpotLight.inner_deg", self.inner_deg, 0.0, self.outer_deg)
         check_range("SpotLight.range", self.range, SHORTEST_RANGE)
 

@@ -27,7 +27,7 @@ from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 from torchrender.scene.parts.emission import emitted_mean
-from torchrender.scene.parts.kinds import KINDS, check_around, check_unchanged, nearest_names, several, versions
+from torchrender.scene.parts.kinds import KINDS, check_parts, check_unchanged, nearest_names, several, versions
 
 DEFAULT_SIZE = (1024, 768)
 """Of pictures whose size nobody says: width and height in pixels."""
@@ -61,15 +61,10 @@ class Scene:
     def __post_init__(self) -> None:
         check_name("name of a scene", self.name)
         check_flag("photometric", self.photometric)
-        check_around(self.environment, self.cameras)
         for name, kind in KINDS.items():
             object.__setattr__(self, name, several(name, getattr(self, name), kind))
         object.__setattr__(self, "ambient", check_not_negative("ambient", as_vector("ambient", self.ambient)))
-        for mesh in self.meshes:
-            if not 0 <= mesh.material < len(self.materials):
-                raise InputError(
-                    f"mesh {mesh.name!r}: material must be in [0, {len(self.materials) - 1}], got {mesh.material}"
-                )
+        check_parts(self.meshes, len(self.materials), self.environment, self.cameras)
 
     def __getstate__(self) -> dict[str, Any]:
         # Copies count anew how often their arrays are written to.

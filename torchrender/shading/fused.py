@@ -18,12 +18,7 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.shading.needs import stages_of
 from torchrender.kernels.shading.pack import pack_planes
 from torchrender.kernels.shading.records import (
-    CENTRE,
     IRRADIANCE_SIDE,
-    LIGHT,
-    PARALLEL,
-    POINT,
-    RECT,
     SPAN,
     TILE,
     UNLIT,
@@ -37,11 +32,10 @@ from torchrender.kernels.shading.records import (
 from torchrender.kernels.shading.shade import shade
 from torchrender.numerics.lobe_albedo import albedo_table
 from torchrender.numerics.texture import padded
-from torchrender.scene.light import DirectionalLight, Light, RectLight, SpotLight
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shading.attributes import attribute_arrays, eye_of
-from torchrender.shading.lights import NEAREST_SQUARE, LightLists
+from torchrender.shading.lights import LightLists, light_table
 from torchrender.shading.linear_cosines import filled_up
 from torchrender.shading.lobes import Around, Sent
 from torchrender.shading.looks import looks_of
@@ -233,36 +227,6 @@ def _hits(scene: Scene, hits: RaySurface) -> tuple[View, Samples]:
         np.zeros((1, 0), f4), triangle, weights, position, to_eye, array(hits.width, np.float64).reshape(-1)
     )
     return View(np.zeros(20, f4), origin_of(scene, hits).numpy()), samples
-
-
-def light_table(lights: tuple[Light, ...], origin: Array, area_light: str) -> Array:
-    """(L,32) float32, see :data:`LIGHT`; places are counted from ``origin`` (3,) float64."""
-    table, start = np.zeros((len(lights), 32), f4), torch.from_numpy(origin)
-    c = LIGHT
-    for row, light in zip(table, lights):
-        row[c["cone"] : c["cone"] + 2] = 3.0, 1.0  # a cone that holds everything
-        row[c["nearest"]] = NEAREST_SQUARE
-        place = slice(c["place"], c["place"] + 3)
-        color = slice(c["color"], c["color"] + 3)
-        axis = slice(c["axis"], c["axis"] + 3)
-        if isinstance(light, RectLight):
-            corner, u, v = (light.corner.double() - start).float(), light.edge_u, light.edge_v
-            exact = area_light == "polygon"
-            row[0], row[place], row[color] = (RECT if exact else CENTRE), corner + (u + v) / 2, light.radiance
-            row[c["normal"] : c["normal"] + 3], row[c["offset"]] = light.normal, light.normal @ corner
-            row[c["corners"] : c["corners"] + 12] = torch.cat([corner, corner + u, corner + u + v, corner + v])
-            row[c["area"]] = light.area
-            row[c["nearest"]] = max(light.area / math.pi, NEAREST_SQUARE)
-        elif isinstance(light, DirectionalLight):
-            row[0], row[axis], row[color] = PARALLEL, light.direction, light.irradiance
-        else:
-            row[0], row[place], row[color] = POINT, (light.position.double() - start).float(), light.intensity
-            row[c["fade"]] = light.range**-2
-            if isinstance(light, SpotLight):
-                inner, outer = light.versines
-                row[axis] = light.direction
-                row[c["cone"] : c["cone"] + 2] = outer, 1.0 / (outer - inner)
-    return table
 
 
 def _sky(scene: Scene, background: Tensor | None) -> Sky:

@@ -60,6 +60,34 @@ def test_few_rays_do_not_turn_the_light_of_what_nothing_hides(spacing: int) -> N
     assert float((found.bent_normal - seen.normal)[clear].norm(dim=-1).max()) < 0.02
 
 
+@pytest.mark.parametrize("slices", [1, 2, 4])
+def test_few_slices_do_not_turn_the_light_of_what_nothing_hides(slices: int) -> None:
+    """A ball alone, whose slices all look to two sides of each point: their mean is not that of all directions."""
+    scene = Scene(meshes=(Mesh.sphere(1.0),))
+    seen = rasterize(scene, camera((0.0, 1.0, 4.0), (0.0, 0.0, 0.0)))
+    options = AmbientOptions(slices=slices, steps=12, spacing=1)
+    found = horizon_ambient(scene.geometry, seen, options, reach=1.0)
+    clear = seen.covered & (found.sky > 1.0 - 1e-5)
+    assert float(clear.sum()) > 0.5 * float(seen.covered.sum())
+    assert float((found.bent_normal - seen.normal)[clear].norm(dim=-1).max()) < 0.01
+
+
+@pytest.mark.parametrize("slices", [1, 2])
+def test_slices_turn_the_light_to_where_the_sky_is_open(slices: int) -> None:
+    """Beside a wall and under a table: nearer to where rays say than the normal is."""
+    floor = sheet((-6.0, 0.0, 6.0), (12.0, 0.0, 0.0), (0.0, 0.0, -12.0))
+    wall = sheet((-1.5, 0.0, -6.0), (0.0, 0.0, 12.0), (0.0, 4.0, 0.0))
+    top = replace(box(torch.tensor([1.6, 0.1, 1.0])))
+    top = replace(top, vertices=top.vertices + torch.tensor([0.0, 0.8, 0.0]))
+    scene = Scene(meshes=(floor, wall, top))
+    view = camera((1.5, 1.8, 3.0), (-0.5, 0.3, 0.0), 64)
+    found, rays, covered = both(scene, view, AmbientOptions(slices=slices, steps=16, spacing=3), reach=2.0)
+    hidden = covered & (rays.sky < 0.8) & (rays.sky > 0.2)
+    apart = (found.bent_normal - rays.bent_normal)[hidden].norm(dim=-1).mean()
+    unturned = (rasterize(scene, view).normal - rays.bent_normal)[hidden].norm(dim=-1).mean()
+    assert float(apart) < 0.6 * float(unturned)
+
+
 @pytest.mark.parametrize("around", [48, 96])
 def test_no_sky_gets_into_a_closed_box(around: int) -> None:
     scene = Scene(meshes=(box(torch.tensor([4.0, 3.0, 5.0])),))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from torchrender.kernels.ambient.spread import REACH, Few, Many, spread_points
+from torchrender.kernels.ambient.spread import LEAST, REACH, Few, Many, spread_points
 
 
 def twin(few: Few, many: Many, out: np.ndarray) -> None:
@@ -24,7 +24,7 @@ def twin(few: Few, many: Many, out: np.ndarray) -> None:
                 continue
             off = float((few.position[r, c] - here) @ normal) * near
             like = max(float(few.normal[r, c] @ normal), 0.0) * max(1.0 - off * off, 0.0)
-            weight = beside * (like**4 + 1e-6)
+            weight = beside * (like**4 + LEAST)
             total += weight * few.values[r, c]
             weights += weight
         if weights > 0:
@@ -71,3 +71,23 @@ def test_a_pattern_leaves_no_dots_on_a_plane() -> None:
     few = Few(position, facing[step // 2 :: step, step // 2 :: step].copy(), values, step)
     spread_points(few, Many(depth, facing, turn, lens), found)
     np.testing.assert_allclose(found[9:-9, 9:-9, 0], pattern.mean(), atol=1e-5)
+
+
+def test_a_face_of_one_point_is_not_as_dark_as_that_alone() -> None:
+    """A stair's tread among risers: few rays found its only point hidden, where others saw half the sky."""
+    side, step = 48, 4
+    lens, turn = np.array([40.0, 40.0, 24.0, 24.0], np.float32), np.eye(3, dtype=np.float32)
+    depth, normal = np.full((side, side), 2.0, np.float32), np.zeros((side, side, 3), np.float32)
+    normal[..., 2] = -1.0
+    normal[22:23, 20:25] = (0.0, -1.0, 0.0)
+    at = np.arange(step // 2, side, step)
+    x = (at + 0.5 - 24.0) / 40.0 * 2.0
+    position = np.stack([*np.meshgrid(x, x), np.full((len(at), len(at)), 2.0)], axis=-1).astype(np.float32)
+    own = normal[step // 2 :: step, step // 2 :: step].copy()
+    hidden = own[..., 1] < 0.0
+    assert hidden.sum() == 1
+    values = np.where(hidden, 0.0, 0.5)[..., None].astype(np.float32)
+    found = np.zeros((side, side, 1), np.float32)
+    spread_points(Few(position, own, values, step), Many(depth, normal, turn, lens), found)
+    assert 0.1 < found[22, 22, 0] < 0.3
+    np.testing.assert_allclose(found[36, :, 0], 0.5, atol=0.01)

@@ -213,6 +213,19 @@ def test_thin_layers_in_a_tall_box_are_integrated_where_they_are() -> None:
     assert np.abs(by_lamp - by_many).mean() < 1e-2 * by_many.mean()
 
 
+@pytest.mark.parametrize(("density", "low", "side"), [(6.0, -1.0, 50.0), (1.5, -0.2, 6.0)])
+def test_rays_along_thin_layers_to_beyond_a_lamp_follow_them(density: float, low: float, side: float) -> None:
+    """Steps of equal angle at a lamp are long far from it: layers changed within one of them fourfold and more."""
+    medium = fog(low=(-side, low, -side), high=(side, 4.0, side), density=density, falloff=5.0)
+    camera = eye(40, 60)
+    table = MediaTable.of([medium], eye_of(camera))
+    rays = rays_of(camera, torch.full((60, 40), torch.inf), table)
+    lamp = LightTable.of(LAMP, table.origin, 1e-3, "inverse_square")
+    few, many = light_of(table, rays, lamp, 8), light_of(table, rays, lamp, 256)
+    apart = np.abs(few - many) / np.maximum(many, 1e-3 * many.max())
+    assert apart.max() < 0.15
+
+
 def test_pixels_between_others_look_through_thin_layers_in_a_tall_box_as_these_do() -> None:
     medium = fog(low=(-100.0, -1.0, -100.0), high=(100.0, 50.0, 100.0), falloff=1.0)
     lit, depth = Illumination(lights=(SUN,), size=10.0), torch.full((1, 24, 32), torch.inf)

@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from gltf_builder import TRIANGLE, Glb
-from torchrender.errors import SceneFileError
+from torchrender.errors import RepairedWarning, SceneFileError
 from torchrender.scene.files.texture_file import MissingTextureWarning
 from torchrender.scene.light import DirectionalLight, PointLight, SpotLight
 from torchrender.scene.load import load
@@ -59,6 +59,15 @@ def test_node_hierarchy(tmp_path: Path) -> None:
     triangle = np.array(TRIANGLE)
     np.testing.assert_allclose(scene.meshes[0].vertices.numpy(), expected(triangle), atol=1e-6)
     np.testing.assert_allclose(scene.meshes[1].vertices.numpy(), expected(triangle + 1), atol=1e-6)
+
+
+def test_normals_that_are_not_finite_are_said_and_not_known(tmp_path: Path) -> None:
+    vertices = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    glb = Glb(nodes=[{"mesh": 0}])
+    glb.mesh(vertices, NORMAL=glb.accessor(np.array([[0.0, 0, 1], [0, np.nan, 1], [1, 0, 0]])))
+    with pytest.warns(RepairedWarning, match=r"normals that are NaN or infinite: taken as not known \(1\)"):
+        geometry = load(glb.write(tmp_path / "a.glb")).geometry
+    assert geometry.normals is not None and geometry.normals.tolist() == [[0, 0, 1], [0, 0, 0], [1, 0, 0]]
 
 
 @pytest.mark.parametrize("scale", [[1, 1, 1], [2, 3, 4], [-1, 1, 1], [-1, -2, -3], [1, -1, -1]])

@@ -418,6 +418,24 @@ def test_vertices_that_are_not_finite_can_be_dropped(tmp_path: Path) -> None:
         assert len(tr.load_points(points, drop_invalid=True)) == 4
 
 
+def test_normals_that_are_not_finite_are_said_and_not_known(tmp_path: Path) -> None:
+    normals = [[0, 0, 1], ["nan", 0, 1], [0, 0, 1], [0, "inf", 0], [0, 0, 1]]
+    rows = [[*corner, *normal] for corner, normal in zip(CORNERS, normals, strict=True)]
+    vertex = ("vertex", [*XYZ, "float nx", "float ny", "float nz"], rows)
+    told = r"repaired: normals that are NaN or infinite: taken as not known \(2\)"
+    faces = ("face", ["list uchar int vertex_indices"], [[[0, 1, 2, 3]]])
+    with pytest.warns(RepairedWarning, match=told):
+        mesh = load(text(tmp_path, "a.ply", ply("ascii", [vertex, faces]))).meshes[0]
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 0, 0], [0, 0, 1], [0, 0, 0], [0, 0, 1]]
+    points = text(tmp_path, "b.ply", ply("ascii", [vertex]))
+    with pytest.warns(RepairedWarning, match=told):
+        cloud = tr.load_points(points)
+    assert cloud.normal is not None and bool((cloud.normal.norm(dim=1) > 0.99).all()), "they are estimated"
+    with pytest.warns(RepairedWarning, match=told):
+        tr.pack_points(points, tmp_path / "b.trp")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

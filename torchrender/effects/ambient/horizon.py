@@ -17,7 +17,7 @@ from torchrender.arrays import view
 from torchrender.buffers import GBuffer
 from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.options import AmbientOptions
-from torchrender.effects.ambient.visibility import AmbientVisibility
+from torchrender.effects.ambient.visibility import WHOLE, AmbientVisibility, as_images
 from torchrender.errors import InputError
 from torchrender.kernels.ambient.horizon import (
     PATTERN,
@@ -75,11 +75,9 @@ def horizon_ambient(
     if not far:
         return AmbientVisibility(near, near, gbuffer.normal)
     sky = torch.where(covered, pixels[..., 0].clamp(0.0, 1.0), 1.0)
-    local = pixels[..., 2:]
-    world = torch.einsum("bij,bhwi->bhwj", cameras.rotation.float(), local)
-    length = world.norm(dim=-1, keepdim=True)
-    bent = torch.where(covered[..., None] & (length > 1e-6), world / length.clamp_min(1e-6), gbuffer.normal)
-    return AmbientVisibility(sky, near, bent)
+    aside = torch.einsum("bij,bhwi->bhwj", cameras.rotation.float(), pixels[..., 2:])
+    bent = aside + WHOLE * sky[..., None] * gbuffer.normal
+    return as_images(covered, sky[covered], near[covered], bent[covered], gbuffer.normal)
 
 
 def _measure(around: Surroundings, gbuffer: GBuffer, k: int, search: Search, out: Tensor, spacing: int) -> None:

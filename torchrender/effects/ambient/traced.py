@@ -12,14 +12,12 @@ from torchrender.buffers import GBuffer, RaySurface, position_error
 from torchrender.checks import check_range
 from torchrender.effects.ambient.lattice import lattice_of, spread
 from torchrender.effects.ambient.sharing import share_hits
-from torchrender.effects.ambient.visibility import AmbientVisibility, as_images
+from torchrender.effects.ambient.visibility import WHOLE, AmbientVisibility, as_images
 from torchrender.numerics.lobe import frame
 from torchrender.rays import RayCaster
 
 CHUNK = 1 << 18
 """Rays at a time."""
-WHOLE = 2 / 3
-"""Length of the mean of directions that are spread as the cosine, over the whole hemisphere."""
 
 
 def traced_ambient(

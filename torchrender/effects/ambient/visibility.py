@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+WHOLE = 2 / 3
+"""Length of the mean of directions that are spread as the cosine, over the whole hemisphere."""
+
 
 @dataclass(frozen=True, eq=False)
 class AmbientVisibility:

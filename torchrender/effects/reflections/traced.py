@@ -53,7 +53,12 @@ class TraceOptions:
 
 
 def trace_reflections(
-    caster: RayCaster, pixels: ReflectivePixels, shader: RayShader, options: TraceOptions | None = None
+    caster: RayCaster,
+    pixels: ReflectivePixels,
+    shader: RayShader,
+    options: TraceOptions | None = None,
+    *,
+    onward: Onward | None = None,
 ) -> ReflectionLayer:
     """What the pixels mirror, by the ray caster.
 
@@ -63,10 +68,12 @@ def trace_reflections(
         caster: of the scene's geometry.
         pixels: from :func:`torchrender.effects.reflections.reflectors.reflective_pixels`; a mask there re-traces few.
         shader: gives hits their colour.
+        onward: what mirrors show that are seen in mirrors; None: what rays meet, as often as the options say.
     """
     options = options_of(options, TraceOptions)
     color, distance = torch.zeros(len(pixels), 3), torch.full((len(pixels),), torch.inf)
-    onward = traced_onward(caster, shader, options.bounces, options.lobe)
+    if onward is None:
+        onward = traced_onward(caster, shader, options.bounces, options.lobe)
     for rows, _, rays, weight in _bundles(pixels, options):
         # What neighbours find counts together with a pixel's own, as several rays of one pixel do.
         rays = replace(rays, many=rays.many or (options.share_rays and weight is not None))

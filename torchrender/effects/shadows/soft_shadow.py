@@ -31,7 +31,7 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
-from torchrender.buffers import GBuffer, position_error
+from torchrender.buffers import GBuffer, RaySurface, position_error
 from torchrender.checks import check_choice, check_class, check_no_gradient, check_range, checked_fields, options_of
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
@@ -179,7 +179,7 @@ def join(geometries: Sequence[Geometry]) -> Geometry:
 def soft_shadow(
     casters: Occluders | Shape | Sequence[Shape],
     lights: RectLight | Sequence[RectLight],
-    gbuffer: GBuffer,
+    gbuffer: GBuffer | RaySurface,
     options: SoftShadowOptions | None = None,
     *,
     bounds: Tensor | None = None,
@@ -193,7 +193,7 @@ def soft_shadow(
     Args:
         casters: triangles that cast shadows; hand in :func:`occluders` if they serve several times.
         lights: one or several.
-        gbuffer: B pictures.
+        gbuffer: B pictures; or hits of rays, as an image.
         options: default: rays to 16 x 16 samples.
         bounds: (2,3) box that the cameras at the light look at and that sets the size of a texel; default: the box
             around casters and visible points. Give the scene's box where results are to be compared.
@@ -201,7 +201,7 @@ def soft_shadow(
     Raises:
         InputError: no light, or ``bounds`` not finite. GradientError: a light's place asks for a gradient.
     """
-    check_class("gbuffer", gbuffer, GBuffer)
+    check_class("gbuffer", gbuffer, GBuffer, RaySurface)
     options = options_of(options, SoftShadowOptions)
     lights = several("lights", lights, (RectLight,))
     if not lights:
@@ -252,7 +252,7 @@ class _Receivers(NamedTuple):
     gaps: Tensor  # (P,) float64 scene units that points may be off
 
 
-def _receivers(gbuffer: GBuffer, b: int) -> tuple[_Receivers, Tensor]:
+def _receivers(gbuffer: GBuffer | RaySurface, b: int) -> tuple[_Receivers, Tensor]:
     """The covered pixels of picture ``b``, and their order (P,)."""
     covered = gbuffer.covered[b]
     points, normals = (image[b][covered].double() for image in shadow_receivers(gbuffer))

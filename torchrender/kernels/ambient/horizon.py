@@ -231,32 +231,37 @@ def spread_steps(share, first, reach, steps):
 
 @kernel(counted=False)
 def visible_share(hidden, near, angles, normal):
-    """Sums over the sectors of one side: cosine-weighted share of the open ones, the same times the direction in the
-    plane, the share that is open to what is within reach, and that of all sectors.
+    """Sums over the sectors of one side, cosine-weighted: (share, direction in the plane) of the open ones and of all
+    of them, and the share that is open to what is within reach.
 
     ``angles`` (SECTORS,3): cosine, sine and width of each sector; ``normal``: the cosine and the sine, to this side, of
     the angle between the normal in the plane and the direction to the eye.
     """
-    total, along, across = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-    close, most = np.float32(0.0), np.float32(0.0)
+    total = along = across = most = all_along = all_across = close = np.float32(0.0)
     for k in range(SECTORS):
         c, s = angles[k, 0], angles[k, 1]
         weight = (c * normal[0] + s * normal[1]) * s * angles[k, 2]
         if not weight > np.float32(0.0):
             continue
         most += weight
+        all_along += weight * c
+        all_across += weight * s
         if not (near >> np.uint64(k)) & np.uint64(1):
             close += weight
         if not (hidden >> np.uint64(k)) & np.uint64(1):
             total += weight
             along += weight * c
             across += weight * s
-    return total, along, across, close, most
+    return (total, along, across), (most, all_along, all_across), close
 
 
 @kernel(counted=False)
 def measure_point(around, point, normal, number, tables, search, steps):
-    """Share of the whole sky, of near light, mean open direction of the sky (three values)."""
+    """Share of the whole sky, of near light, and the way (three values) to where the sky is open.
+
+    That way is the mean of the open directions less the visible share of the mean of all that were looked at: nothing
+    where nothing is hidden, so that few slices do not turn the light there.
+    """
     dx, dy, dz, r0 = point
     share = np.float32(search.reach) / r0
     within = np.float32(math.asin(share)) if share < np.float32(1.0) else np.float32(1.5)
@@ -268,8 +273,7 @@ def measure_point(around, point, normal, number, tables, search, steps):
     b = dx * dy * a
     ux, uy, uz = np.float32(1.0) + sign * dx * dx * a, sign * b, -sign * dx
     vx, vy, vz = b, sign + dy * dy * a, -dy
-    most = np.float32(0.0)
-    sky = close = bx = by = bz = np.float32(0.0)
+    sky = most = close = bx = by = bz = ax = ay = az = np.float32(0.0)
     to_eye = -(normal[0] * dx + normal[1] * dy + normal[2] * dz)
     for k in range(search.slices):
         turn = (np.float32(k) + turns[number]) * np.float32(math.pi) / np.float32(search.slices)
@@ -280,12 +284,16 @@ def measure_point(around, point, normal, number, tables, search, steps):
             s = np.float32(1.0) - np.float32(2.0) * np.float32(side)
             facing = (to_eye, s * lean)
             hidden, near = search_side(around, point, normal, (s * tx, s * ty, s * tz), steps, search)
-            share, along, across, nearby, whole = visible_share(hidden, near, angles, facing)
-            sky, close, most = sky + share, close + nearby, most + whole
-            bx += across * s * tx - along * dx
-            by += across * s * ty - along * dy
-            bz += across * s * tz - along * dz
-    return sky / most, close / most, bx, by, bz
+            seen, whole, nearby = visible_share(hidden, near, angles, facing)
+            sky, close, most = sky + seen[0], close + nearby, most + whole[0]
+            bx += seen[2] * s * tx - seen[1] * dx
+            by += seen[2] * s * ty - seen[1] * dy
+            bz += seen[2] * s * tz - seen[1] * dz
+            ax += whole[2] * s * tx - whole[1] * dx
+            ay += whole[2] * s * ty - whole[1] * dy
+            az += whole[2] * s * tz - whole[1] * dz
+    share = sky / most
+    return share, close / most, (bx - share * ax) / most, (by - share * ay) / most, (bz - share * az) / most
 
 
 @kernel(parallel=True)

@@ -15,6 +15,10 @@ REACH = 2.5
 """Points of a row that count, to either side: wholly but for the last unit, where they fade. Two points that are four
 apart count as one, so that each number of the pattern has the same share in every pixel, and leaves no dots."""
 
+LEAST = 0.02
+"""Share of a point of another surface: all around a pixel together count as half a point of its own, so that faces of a
+pixel or two, which have one or none, are not black where few rays found that one hidden."""
+
 
 class Few(NamedTuple):
     """Points on a grid over the picture, one for every ``step`` pixels and side."""
@@ -67,7 +71,7 @@ def add_point(point, beside, values, place, room):
     """Add what one point tells the pixels of a row about it; ``place``: its column among points, their step."""
     m0, m1, m2, p0, p1, p2 = point
     column, step = place
-    zero, one, least, reach = np.float32(0.0), np.float32(1.0), np.float32(1e-6), np.float32(REACH)
+    zero, one, least, reach = np.float32(0.0), np.float32(1.0), np.float32(LEAST), np.float32(REACH)
     middle, apart = np.float32(column * step + step // 2), one / np.float32(step)
     first = np.int64(math.ceil(middle - reach * np.float32(step)))
     end = np.int64(math.floor(middle + reach * np.float32(step))) + 1

@@ -10,7 +10,7 @@ import numpy as np
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.media.density import box_span
 from torchrender.kernels.media.functions import arctan2, tangent
-from torchrender.kernels.media.records import AXIS, FADE, FALLOFF, HEIGHT, OUTER, RECT, SPOT, SUN
+from torchrender.kernels.media.records import AMBIENT, AXIS, FADE, FALLOFF, HEIGHT, OUTER, RECT, SPOT, SQUARE, SUN
 from torchrender.kernels.media.slices import (
     ANGLE,
     ANGLE_STEP,
@@ -29,8 +29,8 @@ LAYERS = 6
 """Lengths at which a ray through a density that falls off with height changes its steps: 1, 2, 4 ... times the way in
 which that becomes a part of 1/e, from where the ray is lowest; what lies beyond the last is nothing beside what is
 there."""
-DEEP = F(8.0)
-"""Times that way which equal steps are fine enough for."""
+DEEP, DEEP_AT_LAMPS = F(8.0), F(1.0)
+"""Times that way which equal steps are fine enough for; those of equal angle at a lamp are wide far from it."""
 PLACES = 5 + LAYERS
 """Lengths of each medium that :func:`break_points` finds, at most."""
 
@@ -186,13 +186,13 @@ def slice_ray(slices, parallel, angles, d, ends, spans, found):
 
 
 @kernel(inline=True)
-def add_layers(media, m, rise, ends, points, count):
-    """Add lengths between ``ends`` where a ray that climbs by ``rise`` changes its steps, see :data:`LAYERS`; -> how
-    many there are.
+def add_layers(media, m, rise, deep, ends, points, count):
+    """Add lengths between ``ends`` where a ray that climbs by ``rise`` through more than ``deep`` layers changes its
+    steps, see :data:`LAYERS`; -> how many there are.
     """
     begin, end = ends
     fall = media.numbers[m, FALLOFF] * rise
-    if media.kind[m] != HEIGHT or not abs(fall) * (end - begin) > DEEP:
+    if media.kind[m] != HEIGHT or not abs(fall) * (end - begin) > deep:
         return count
     above = F(1.0) / fall
     for _ in range(LAYERS):
@@ -218,7 +218,8 @@ def break_points(media, kind, light, o, d, begin, end, points):
                 if t > begin and t < end and count < len(points):
                     points[count] = t
                     count += 1
-            count = add_layers(media, m, d[1], (max(a, begin), min(b, end)), points, count)
+            deep = DEEP_AT_LAMPS if light[SQUARE] > F(0.0) and kind != SUN and kind != AMBIENT else DEEP
+            count = add_layers(media, m, d[1], deep, (max(a, begin), min(b, end)), points, count)
             if kind == SUN:
                 # The way to the sun leaves the box where the least of three linear functions says.
                 for i in range(3):

@@ -96,11 +96,13 @@ def run(frame: Frame) -> tuple[Maps, Maps, StandingMaps]:
 def _of_everything(scene: Scene, options: RenderOptions) -> set[int]:
     """Numbers of the lights whose maps of everything are looked up.
 
-    Hits ask many small lights by rays; what floats looks all lights up.
+    Hits ask many small lights, and sampled ones with an area, by rays; what floats looks all lights up.
     """
     shining = {n for n, light in enumerate(scene.lights) if shines(light)}
     if options.media and scene.media:
         return shining
+    if options.area_shadows == "sampled":
+        shining -= {n for n in shining if isinstance(scene.lights[n], RectLight)}
     return shining - lights_without_maps(scene.lights, lasting_shadows(options))
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from torchrender.buffers import RaySurface
 from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
 from torchrender.effects.shadows.shadow_map import light_visibility
 from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
@@ -57,6 +58,11 @@ def run(frame: Frame) -> tuple[dict[int, Tensor], StandingLight]:
     return found, kept_light(frame, found)
 
 
+AT_HITS = 8.0
+"""Texels, at most, that guessed penumbrae of hits reach to either side: no triangles settle their edges, and the wider
+they are the more light gets in where things touch."""
+
+
 def _found(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
     gbuffer, options = frame[GBUFFER], frame.options
     if options.area_shadows == "sampled":
@@ -66,6 +72,8 @@ def _found(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
     maps = frame[SHADOW_MAP]
     if options.area_shadows == "pcss":
         by_size = replace(options.shadow, filter="pcss", soft=None)
+        if isinstance(gbuffer, RaySurface):
+            by_size = replace(by_size, largest_radius=min(by_size.largest_radius, AT_HITS))
     else:
         by_size = options.shadow
     same = same_light(frame, STANDING_SOFT_SHADOW, lights)
@@ -85,15 +93,13 @@ def amounts(outlook: Outlook) -> Amounts:
 
 
 def over_samples(options: RenderOptions, history: RenderHistory) -> RenderOptions:
-    """Few samples, from anywhere: penumbrae by map."""
-    del history
-    return replace(options, area_shadows="pcss") if options.area_shadows == "sampled" else options
+    """Few samples, from anywhere: penumbrae by map, where the picture left no triangles sorted for its own.
 
-
-def over_hits(options: RenderOptions, history: RenderHistory) -> RenderOptions:
-    """Mirrors show hard shadows."""
-    del history
-    return replace(options, area_shadows="hard")
+    With these the shader of what mirrors show stays that of the picture, too.
+    """
+    if options.area_shadows != "sampled" or history.get(OCCLUDERS, options) is not None:
+        return options
+    return replace(options, area_shadows="pcss")
 
 
 FEW = SoftShadowOptions(light_samples=4)
@@ -160,6 +166,5 @@ PASS = Pass(
     senses=senses,
     own=OwnMeasure(title="visibility error", buffer=SOFT_SHADOW, error=visibility_error(SOFT_SHADOW)),
     over_samples=over_samples,
-    over_hits=over_hits,
     hard=(HARD,),
 )

@@ -28,6 +28,7 @@ from torchrender.passes.light.ambient_visibility import has_ambient_light, reach
 from torchrender.passes.light.direct_light import ambient_reach
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP, SHADOW_MAP
 from torchrender.passes.outlook import Outlook, no_shadows
+from torchrender.passes.seen.occluders import OCCLUDERS
 from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.pipeline.buffer import Buffer, Lasting, look_of, same
 from torchrender.pipeline.frame import Frame
@@ -41,8 +42,13 @@ from torchrender.shade import shade
 
 def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
     """What of the options shows in the colours of hits; their shadows are looked up in maps of everything."""
-    shadow = everywhere(options)
-    return (options.shadows, shadow, plain_background(options), options.ambient_visibility != "off")
+    shadow, area = everywhere(options), options.soft_shadow if _sampled(options) else options.area_shadows
+    return (options.shadows, shadow, area, plain_background(options), options.ambient_visibility != "off")
+
+
+def _sampled(options: RenderOptions) -> bool:
+    """Rectangular lights are sampled, on hits as in the picture."""
+    return options.area_shadows == "sampled"
 
 
 HIT_SHADER = Buffer("hit_shader", HitShader, lasting=Lasting(look_of, look_made_with))
@@ -53,6 +59,9 @@ RAYS_OF_MANY = 2
 
 AROUND = 4
 """Pixels and side of the cube map around the scene's middle for which one point looks for ambient light."""
+
+FEW_SAMPLES = 4
+"""Along the edges of rectangular lights, for the cube map around the scene's middle."""
 
 
 def asks(outlook: Outlook) -> Buffers:
@@ -69,12 +78,13 @@ def run(frame: Frame) -> HitShader:
     earlier = frame.earlier(HIT_SHADER)
     if earlier is not None:
         return earlier
-    maps, caster = frame.get(SCENE_SHADOW_MAP), frame.get(RAY_CASTER)
-    given: dict[Buffer[Any], Any] = {} if maps is None else {SHADOW_MAP: maps}
-    given = given if caster is None else {**given, RAY_CASTER: caster}
+    made_by: dict[Buffer[Any], Buffer[Any]]
+    made_by = {SHADOW_MAP: SCENE_SHADOW_MAP, RAY_CASTER: RAY_CASTER, OCCLUDERS: OCCLUDERS}
+    given = {own: frame[buffer] for own, buffer in made_by.items() if buffer in frame.values}
     rays = min(frame.options.ambient.rays, RAYS_OF_MANY)
+    few = min(frame.options.soft_shadow.light_samples, FEW_SAMPLES)
     of_many = frame.over_hits(given, ambient={"rays": rays})
-    around = frame.over_hits(given, ambient={"ray_spacing": AROUND})
+    around = frame.over_hits(given, ambient={"ray_spacing": AROUND}, soft_shadow={"light_samples": few})
     made = HitShader(frame.scene, frame.over_hits(given), frame.options.background, of_many, around, _memory(frame))
     made.look = _look(frame)
     return made
@@ -99,7 +109,8 @@ def _memory(frame: Frame) -> HitMemory | None:
         return HitMemory()
     hidden = has_ambient_light(scene) and frame.options.ambient_visibility != "off"
     reach = reach_of(scene, frame.options.ambient) if hidden else -1.0
-    return before.memory.following(before.scene, scene, moved, reach)
+    hard = frame.options.area_shadows == "hard"
+    return before.memory.following(before.scene, scene, moved, reach, hard=hard)
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -152,6 +163,7 @@ PASS = Pass(
     name="hit_shader",
     summary="shades what rays hit in the light of the picture",
     makes=HIT_SHADER,
+    uses=(OCCLUDERS,),
     asks=asks,
     applies=always("rays hit something"),
     run=run,

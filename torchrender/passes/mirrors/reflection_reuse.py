@@ -12,12 +12,14 @@ from torchrender.effects.reflections.reflectors import ReflectivePixels, mirrore
 from torchrender.effects.reflections.reuse import ReuseState, reuse_reflections
 from torchrender.effects.reflections.reuse_options import ReuseOptions
 from torchrender.effects.reflections.traced import trace_reflections
-from torchrender.passes.contract import Amounts, Pass
+from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject, no_mirrors
 from torchrender.passes.light.direct_light import MIRROR_SHARE, with_share
+from torchrender.passes.mirrors.air import before_mirrors, shadows_in_air
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.key_frame import KEY_FRAME, KeptReflections, reuses, usable
-from torchrender.passes.mirrors.reflections import OWN, REFLECTIONS, mean_color_error, mirror_shader
+from torchrender.passes.mirrors.onward import mirror_shader, onward_of
+from torchrender.passes.mirrors.reflections import OWN, REFLECTIONS, mean_color_error
 from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, reflective
 from torchrender.passes.outlook import Outlook, Verdict
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -41,14 +43,20 @@ def applies(outlook: Outlook) -> Verdict:
 def run(frame: Frame) -> tuple[ReflectionLayer, KeptReflections]:
     """Out of the history, as far as it goes; the scattered rest by rays."""
     pixels, gbuffer, options, shader = frame[REFLECTIVE_PIXEL], frame[GBUFFER], frame.options, mirror_shader(frame)
+    onward = onward_of(frame, shader)
 
     def trace(chosen: ReflectivePixels) -> ReflectionLayer:
-        return trace_reflections(frame[RAY_CASTER], chosen, shader, options.tracing)
+        return trace_reflections(frame[RAY_CASTER], chosen, shader, options.tracing, onward=onward)
 
     kept = frame.earlier(KEY_FRAME)
     share = mirrored_share(frame.scene, gbuffer, pixels)
     made = reuse_reflections(pixels, gbuffer, trace, None if kept is None else kept.state, options.reuse, share)
     return made.layer, KeptReflections(made.state, made.report)
+
+
+def asks(outlook: Outlook) -> Buffers:
+    """Where lights reach the media, as mirrors in mirrors show them."""
+    return shadows_in_air(outlook) if before_mirrors(outlook.scene, outlook.options) else ()
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -108,6 +116,7 @@ PASS = Pass(
     makes=REFLECTIONS,
     also=(KEY_FRAME,),
     needs=(GBUFFER, REFLECTIVE_PIXEL, HIT_SHADER, RAY_CASTER, MIRROR_SHARE),
+    asks=asks,
     applies=applies,
     run=with_share(run),
     settings=settings(

@@ -11,14 +11,15 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import ReflectionLayer, ReflectionState
-from torchrender.effects.reflections.bounces import traced_onward
-from torchrender.effects.reflections.clustered import ClusterOptions, clustered_onward, clustered_reflections
-from torchrender.effects.reflections.reflectors import Onward, RayShader, ReflectivePixels, blend_reflections
+from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
+from torchrender.effects.reflections.reflectors import RayShader, ReflectivePixels, blend_reflections
 from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
 from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE, with_share
+from torchrender.passes.mirrors.air import before_mirrors, shadows_in_air
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
+from torchrender.passes.mirrors.onward import mirror_shader, onward_of
 from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirrors, reflective
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.seen.gbuffer import GBUFFER
@@ -26,7 +27,6 @@ from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.passes.senses import closely
 from torchrender.passes.senses import difference as seen_difference
 from torchrender.passes.settings import Setting, settings
-from torchrender.pipeline.behind_panes import BehindPanes
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
@@ -39,27 +39,12 @@ REFLECTIONS: Buffer[ReflectionLayer] = Buffer(
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """Rays, at the settings that cast some."""
+    """Rays, at the settings that cast some; and where lights reach the media, as mirrors in mirrors show them, too."""
     options = outlook.options
     rest = options.reflections == "clustered" and options.reflection.missing == "trace"
-    return (HIT_SHADER, RAY_CASTER) if options.reflections == "traced" or rest else (HIT_SHADER,)
-
-
-def mirror_shader(frame: Frame) -> RayShader:
-    """The shader of hits, through see-through surfaces before them where the scene has some."""
-    options, shader = frame.options, frame[HIT_SHADER]
-    if frame.scene.geometry.see_through is None or options.transparency == "off":
-        return shader
-    return BehindPanes(frame.scene, shader, layers=options.transparent_layers)
-
-
-def _onward(frame: Frame, shader: RayShader) -> Onward | None:
-    """What mirrors in mirrors show: by rays where there are some, else by clusters."""
-    options, caster = frame.options, frame.get(RAY_CASTER)
-    bounces = options.tracing.bounces
-    if caster is not None:
-        return traced_onward(caster, shader, bounces, options.tracing.lobe)
-    return clustered_onward(frame.scene, frame.cameras, shader, options.reflection, bounces)
+    rays: Buffers = (RAY_CASTER,) if options.reflections == "traced" or rest else ()
+    hazed = options.reflections != "environment" and before_mirrors(outlook.scene, options)
+    return tuple(dict.fromkeys((HIT_SHADER, *rays, *(shadows_in_air(outlook) if hazed else ()))))
 
 
 def run(frame: Frame) -> ReflectionLayer:
@@ -76,7 +61,7 @@ def _one(frame: Frame, shader: RayShader, pixels: ReflectivePixels, direct: Tens
     if options.reflections == "environment":
         return environment_reflections(pixels, shader, options.tracing)
     if options.reflections == "traced":
-        return trace_reflections(frame[RAY_CASTER], pixels, shader, options.tracing)
+        return trace_reflections(frame[RAY_CASTER], pixels, shader, options.tracing, onward=onward_of(frame, shader))
     caster = frame.get(RAY_CASTER)
     made = clustered_reflections(
         frame.scene,
@@ -85,7 +70,7 @@ def _one(frame: Frame, shader: RayShader, pixels: ReflectivePixels, direct: Tens
         options.reflection,
         direct=direct,
         caster=None if caster is None else lambda: caster,
-        onward=_onward(frame, shader),
+        onward=onward_of(frame, shader),
     )
     return made.layer
 
@@ -136,6 +121,18 @@ VIEWS = 300.0
 """Depth images that curved clusters need beside those of planes, per million reflective pixels."""
 
 
+SAMPLED = {"traced": 0.12, "clustered": 0.02}
+"""What each light's samples along an edge add to the time of a reflective pixel, as a share of it; two rooms."""
+
+
+def _sampled(outlook: Outlook) -> float:
+    """How many times longer a reflective pixel takes where hits are lit by samples of lights with an area."""
+    options = outlook.options
+    if options.area_shadows != "sampled" or not options.shadows:
+        return 1.0
+    return 1.0 + SAMPLED.get(options.reflections, 0.0) * outlook.area_lights * options.soft_shadow.light_samples
+
+
 def amounts(outlook: Outlook) -> Amounts:
     """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
     options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
@@ -145,7 +142,7 @@ def amounts(outlook: Outlook) -> Amounts:
         look = shader is None or (not shader.looked_around and young)
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-    return (1.0, pixels, drawn, float(look))
+    return (1.0, pixels * _sampled(outlook), drawn, float(look))
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {

@@ -67,13 +67,15 @@ def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor
         upscaling: "nearest", else bilinear.
     """
     height, width = size
-    count, rows, columns, _ = radiance.shape
-    if rows % height == 0 and columns % width == 0:
-        return radiance.reshape(count, height, rows // height, width, columns // width, 3).mean(dim=(2, 4))
-    if rows >= height and columns >= width:
-        return _means(_means(radiance, 1, height), 2, width)
+    rows, columns = radiance.shape[1:3]
+    if (rows, columns) == (height, width):
+        return radiance
     planes = radiance.permute(0, 3, 1, 2)
-    if upscaling == "nearest":
+    if rows % height == 0 and columns % width == 0:
+        planes = torch.nn.functional.interpolate(planes, size=size, mode="area")
+    elif rows >= height and columns >= width:
+        return _means(_means(radiance, 1, height), 2, width)
+    elif upscaling == "nearest":
         planes = torch.nn.functional.interpolate(planes, size=size, mode="nearest-exact")
     else:
         planes = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)

@@ -9,13 +9,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState, ShadowMap, VisibilityBuffer
-from torchrender.effects.media.eye_rays import rays_along
+from torchrender.buffers import GBuffer, RaySurface, ReflectionLayer, ReflectionState, VisibilityBuffer
 from torchrender.effects.media.in_view import boxes_in_view, boxes_of, shadowed_by, share_of_view
 from torchrender.effects.media.options import ScatterOptions
-from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter, scatter_along
-from torchrender.effects.media.surroundings import Surroundings
-from torchrender.effects.media.tables import MediaTable
+from torchrender.effects.media.scatter import Illumination, ScatteringLayer, scatter
 from torchrender.effects.reflections.reflectors import blend_reflections
 from torchrender.effects.shadows.shadow_map import render_shadow_map
 from torchrender.effects.transparency.layers import Veil
@@ -27,17 +24,17 @@ from torchrender.passes.light.pane_shadow import PANE_SHADOW
 from torchrender.passes.light.shadow_map import SCENE_SHADOW_MAP
 from torchrender.passes.light.sky_shadow import SKY_SHADOW
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW
+from torchrender.passes.mirrors.air import air_along, before_mirrors, illumination_of, lit_by, shadows_in_air
 from torchrender.passes.mirrors.reflections import REFLECTIONS
-from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
+from torchrender.passes.mirrors.reflective_pixel import mirrors
+from torchrender.passes.outlook import Outlook, Verdict, counted
 from torchrender.passes.picture.darkened import change_of_hits, darkened
 from torchrender.passes.seen.gbuffer import GBUFFER
-from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Layer, Order
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
-from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.medium import Medium
 from torchrender.scene.model import Scene
@@ -92,19 +89,17 @@ def applies(outlook: Outlook) -> Verdict:
         return Verdict(False, "media are turned off")
     if isinstance(outlook.samples, RaySurface) and len(boxes_of(outlook.scene.media)):
         return Verdict(True, "media may shadow what rays hit")
-    return outlook.fact(_verdict)
+    verdict = outlook.fact(_verdict)
+    if not verdict.runs and before_mirrors(outlook.scene, outlook.options) and mirrors(outlook).runs:
+        return Verdict(True, "a mirror may show a medium")
+    return verdict
 
 
 def asks(outlook: Outlook) -> Buffers:
     """The lights' depth images, or rays; of what rays hit what mirrors change."""
     if isinstance(outlook.samples, RaySurface):
         return (MIRROR_SHARE,)
-    if no_shadows(outlook) is not None:
-        return ()
-    shadows = outlook.options.scattering.shadows
-    if shadows == "rays":
-        return (RAY_CASTER,)
-    return (SCENE_SHADOW_MAP,) if shadows == "maps" else ()
+    return shadows_in_air(outlook)
 
 
 # ---------------------------------------------------------------- how
@@ -115,26 +110,10 @@ def run(frame: Frame) -> Hazed:
     samples, options = frame[GBUFFER], frame.options.scattering
     if isinstance(samples, RaySurface):
         return Hazed(None, _change(frame, samples, None))
-    illumination = _illumination(frame)
+    illumination = illumination_of(frame)
     seen = (samples.cameras, samples.depth, illumination, options)
     layer = scatter(frame.scene.media, *seen, position=samples.position) if options.air else None
     return Hazed(layer, _change(frame, samples, illumination), illumination)
-
-
-def _illumination(frame: Frame) -> Illumination:
-    # Maps of the picture follow the eye along surfaces; what floats before it may lie beside them.
-    caster = frame.get(RAY_CASTER) if frame.options.scattering.shadows == "rays" else None
-    return _lit_by(frame.scene, frame.get(SCENE_SHADOW_MAP), caster)
-
-
-def _lit_by(scene: Scene, maps: tuple[ShadowMap | None, ...] | None, caster: RayCaster | None = None) -> Illumination:
-    return Illumination(
-        lights=scene.lights,
-        shadow_maps=tuple(maps or (None,) * len(scene.lights)),
-        caster=caster,
-        surroundings=Surroundings.of(scene.ambient, scene.environment),
-        size=scene.diagonal,
-    )
 
 
 def layer_before(
@@ -154,7 +133,7 @@ def layer_before(
     maps = past.get(SCENE_SHADOW_MAP)
     if maps is None and lit.lights and options.shadows:
         return None
-    return scatter(lit.media, seen.cameras, seen.depth, _lit_by(lit, maps), options.scattering)
+    return scatter(lit.media, seen.cameras, seen.depth, lit_by(lit, maps), options.scattering)
 
 
 def _change(frame: Frame, samples: GBuffer | RaySurface, illumination: Illumination | None) -> Tensor | None:
@@ -182,25 +161,11 @@ def _hazed_mirrors(
     for k, state in enumerate(mirrored.state):
         rows = (state != ReflectionState.NONE).nonzero(as_tuple=True)
         ways = samples.position[k][rows].double(), mirrored.direction[k][rows], mirrored.distance[k][rows]
-        found = _along(frame, illumination, *ways)
+        found = air_along(frame, illumination, *ways)
         if found is not None:
             color = color.clone() if color is mirrored.color else color
             color[k][rows] = torch.addcmul(found[1], found[0], color[k][rows])
     return mirrored if color is mirrored.color else replace(mirrored, color=color)
-
-
-def _along(
-    frame: Frame, illumination: Illumination, origin: Tensor, direction: Tensor, length: Tensor
-) -> tuple[Tensor, Tensor] | None:
-    """Transmittance and scattered light, each (N,3), along any N rays of one picture; None: they meet no medium."""
-    if not len(origin):
-        return None
-    table = MediaTable.of(frame.scene.media, origin.mean(dim=0))
-    rays = rays_along(origin, direction, length, table)
-    if not bool((rays.length > 0).any()):
-        return None
-    passed, added, _ = scatter_along(rays, table, illumination, replace(frame.options.scattering, block=1))
-    return passed[0], added[0]
 
 
 def veil_of(frame: Frame, cameras: Cameras, hazed: Hazed) -> Veil | None:
@@ -217,7 +182,7 @@ def veil_of(frame: Frame, cameras: Cameras, hazed: Hazed) -> Veil | None:
         for k in picture.unique():
             own = (picture == k).nonzero().reshape(-1)
             rows = pixel[own]
-            found = _along(frame, illumination, origins[rows], directions[rows], lengths[own])
+            found = air_along(frame, illumination, origins[rows], directions[rows], lengths[own])
             if found is not None:
                 passed[own], added[own] = found
         return passed, added

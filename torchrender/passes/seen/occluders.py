@@ -14,9 +14,9 @@ from torch import Tensor
 from torchrender.effects.shadows.light_reach import shines
 from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
 from torchrender.effects.shadows.soft_shadow import Occluders, SoftShadowOptions, occluders, soft_shadow
-from torchrender.passes.contract import Amounts, Pass, always
+from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject
-from torchrender.passes.outlook import Outlook
+from torchrender.passes.outlook import Outlook, Verdict
 from torchrender.passes.settings import settings
 from torchrender.pipeline.buffer import Buffer, Lasting, lights_of
 from torchrender.pipeline.frame import Frame
@@ -47,6 +47,13 @@ OCCLUDERS = Buffer("occluders", Occluders, lasting=Lasting(lights_of, _made_with
 
 MESHES = {"images": "triangles", "rebuilt": "hybrid"}
 """Meshes of :class:`~torchrender.effects.shadows.occluders.OccluderOptions` by kind of occluders."""
+
+
+def applies(outlook: Outlook) -> Verdict:
+    """Lights with an area are sampled."""
+    if outlook.options.area_shadows != "sampled" or not outlook.area_lights:
+        return Verdict(False, "no area light is sampled")
+    return Verdict(True, "area lights are sampled")
 
 
 def run(frame: Frame) -> Occluders:
@@ -108,7 +115,8 @@ PASS = Pass(
     name="occluders",
     summary="sorts the triangles for sampled area lights, once while they stand still",
     makes=OCCLUDERS,
-    applies=always("area lights are sampled"),
+    applies=applies,
+    by_settings=True,
     run=run,
     settings=settings(
         "what casts shadows",

@@ -60,7 +60,7 @@ class Case:
     @cached_property
     def shader(self) -> HitShader:
         """Colours of what rays hit."""
-        return hit_shader(self.scene, RenderOptions(shadow=SMALL_SHADOW))
+        return hit_shader(self.scene, RenderOptions(shadow=SMALL_SHADOW, area_shadows="hard"))
 
     @property
     def area_lights(self) -> list[RectLight]:

@@ -6,9 +6,15 @@ import warnings
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from torchrender.errors import NotUsedWarning, RepairedWarning
 from torchrender.scene.files.texture_file import MissingTextureWarning
+
+Array = np.ndarray[Any, Any]
+UNKNOWN_NORMALS = "normals that are NaN or infinite: taken as not known"
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,14 @@ class Notes:
         told = f"{where}: {reason}; the plain colour is used"
         warnings.warn(f"{self._path}: {told}", MissingTextureWarning, stacklevel=3)
         self._missing[told] += 1
+
+    def known_normals(self, values: Array) -> Array:
+        """Normals (N,3) of a file, zero, which stands for "not known", where they are NaN or infinite."""
+        wrong: Any = ~np.isfinite(values).all(axis=1)
+        if not wrong.any():
+            return values
+        self.repaired(UNKNOWN_NORMALS, int(wrong.sum()))
+        return np.where(wrong[:, None], 0.0, values).astype(values.dtype)
 
     def report(self) -> LoadReport:
         """What was collected."""

@@ -35,6 +35,7 @@ from torchrender.scene.light import (
     PointLight,
     RectLight,
     SpotLight,
+    usual_inner_deg,
 )
 from torchrender.scene.material import PHYSICAL, Material
 from torchrender.scene.medium import SCALES, Medium
@@ -197,7 +198,7 @@ def _spot(table: Table, name: str) -> Light:
         position=position,
         direction=_direction(table, position),
         intensity=table.color("intensity", torch.ones(3)),
-        inner_deg=table.number("inner_deg", min(20.0, outer), 0.0, outer),
+        inner_deg=table.number("inner_deg", usual_inner_deg(outer), 0.0, outer),
         outer_deg=outer,
         name=name,
         range=table.number("range", math.inf, SHORTEST_RANGE),

@@ -46,12 +46,20 @@ def several(name: str, value: object, kinds: tuple[type, ...]) -> tuple[Any, ...
     return parts
 
 
-def check_around(environment: object, cameras: object) -> None:
-    """Whether what surrounds the meshes of a scene is what its name says.
+def check_parts(meshes: Sequence[Mesh], materials: int, environment: object, cameras: object) -> None:
+    """Whether the parts of a scene go together, and what surrounds its meshes is what its name says.
+
+    Args:
+        materials: how many there are.
 
     Raises:
-        InputError: it is not.
+        InputError: they do not; names what.
     """
+    for mesh in meshes:
+        if not materials:
+            raise InputError(f"materials must not be empty: mesh {mesh.name!r} has number {mesh.material} of them")
+        if not 0 <= mesh.material < materials:
+            raise InputError(f"mesh {mesh.name!r}: material must be in [0, {materials - 1}], got {mesh.material}")
     _check_environment(environment)
     _check_cameras(cameras)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -176,6 +177,7 @@ def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progr
         InputError: no frame is usable.
     """
     frames, left_out = choose_frames(sequence, options, progress)
+    size = _usual_size(frames)
     capture: Capture | None = None
     used: list[Frame] = []
     seen: set[tuple[bytes, int]] = set()
@@ -187,10 +189,10 @@ def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progr
         color, depth, lens = read
         print_ = (np.round(frame.world_from_camera, 9).tobytes(), hash(color.tobytes()))
         if capture is None:
-            capture = _allocate(len(frames), depth.shape, options)
+            capture = _allocate(len(frames), size or depth.shape, options)
         if depth.shape != capture.size:
             left_out[frame.name] = (
-                f"is {depth.shape[1]}x{depth.shape[0]}, others are {capture.size[1]}x{capture.size[0]}"
+                f"depth is {depth.shape[1]}x{depth.shape[0]}, that of most is {capture.size[1]}x{capture.size[0]}"
             )
         elif print_ in seen:
             left_out[frame.name] = "a duplicate"
@@ -208,6 +210,12 @@ def prepare(sequence: RgbdSequence, options: WalkthroughOptions, progress: Progr
         first = next(iter(left_out.items()), ("", "no frames"))
         raise InputError(f"{sequence.name}: no frame can be used; {first[0]}: {first[1]}")
     return _cut(capture, tuple(f.name for f in used), left_out)
+
+
+def _usual_size(frames: Sequence[Frame]) -> tuple[int, int] | None:
+    """Height and width that most depth images have: one of another size must not decide for all."""
+    sizes = Counter(size for size in (frame.depth_size() for frame in frames) if size is not None)
+    return sizes.most_common(1)[0][0] if sizes else None
 
 
 def _read_or_error(frame: Frame) -> tuple[Array, Array, Array] | TorchRenderError:

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 
 from torchrender.brief import brief
@@ -98,6 +99,19 @@ class Frame:
         depth = codes.astype(np.float32) / np.float32(self.depth_scale)
         depth[np.isin(codes, NO_DEPTH_CODES)] = 0.0
         return depth
+
+    def depth_size(self) -> tuple[int, int] | None:
+        """Height and width of the depth image by its file's beginning alone; None where that does not tell."""
+        if self.depth is None or not isinstance(self.depth, Path):
+            return None if self.depth is None else (int(self.depth.shape[0]), int(self.depth.shape[1]))
+        try:
+            if self.depth.suffix.lower() == ".npy":
+                shape = np.load(self.depth, mmap_mode="r", allow_pickle=False).shape
+                return (int(shape[0]), int(shape[1])) if len(shape) == 2 else None
+            with Image.open(self.depth) as picture:
+                return picture.height, picture.width
+        except (OSError, ValueError, EOFError, Image.DecompressionBombError):
+            return None
 
     def check_size(self, height: int, width: int) -> None:
         """Refuse intrinsics that belong to pictures of another size.

@@ -31,7 +31,7 @@ class GltfFile:
         SceneFileError: damaged, cut off, not glTF 2.0, or it needs an extension that is not supported.
     """
 
-    def __init__(self, path: Path, data: bytes) -> None:
+    def __init__(self, path: Path, data: bytes, notes: Notes | None = None) -> None:
         self.path = path
         self._binary = b""
         text = self._chunks(data) if data[:4] == b"glTF" else data
@@ -50,7 +50,7 @@ class GltfFile:
         self._buffers: dict[int, bytes] = {}
         self._decoded: dict[int, bytes] = {}
         self._taken = 0
-        self.notes = Notes(path)
+        self.notes = Notes(path) if notes is None else notes
 
     def take(self, size: int, key: str) -> None:
         """Count bytes that something compressed unfolds to.

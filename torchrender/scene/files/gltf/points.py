@@ -12,6 +12,7 @@ from torchrender.scene.files.gltf.container import Array, GltfFile
 from torchrender.scene.files.gltf.meshes import primitives_of
 from torchrender.scene.files.gltf.nodes import chosen_scene, read_nodes
 from torchrender.scene.files.gltf.primitives import POINTS, TRIANGLES, PrimitiveReader
+from torchrender.scene.files.report import Notes
 from torchrender.scene.motion.pose import posed
 from torchrender.scene.place import place_arrays
 
@@ -22,13 +23,15 @@ def has_only_points(file: GltfFile) -> bool:
     return bool(modes) and all(m == POINTS for m in modes)
 
 
-def read_gltf_points(path: Path, data: bytes) -> dict[str, Array | None]:
+def read_gltf_points(path: Path, data: bytes, notes: Notes) -> dict[str, Array | None]:
     """Position (P,3) float64, normal (P,3), colour (P,3) and opacity (P,) of all points; None: no point has one.
+
+    What is mended is noted.
 
     Raises:
         SceneFileError: damaged, or without points.
     """
-    file = GltfFile(path, data)
+    file = GltfFile(path, data, notes)
     nodes, order = read_nodes(file, chosen_scene(file, None)[0])
     worlds, _ = posed(nodes, None, None, np.eye(4))
     reader = PrimitiveReader(file)

@@ -70,7 +70,7 @@ class PrimitiveReader:
         part = Primitive(
             vertices=source.vertices,
             faces=faces,
-            normals=np.zeros((count, 3), np.float32) if normals is None else _floats(normals),
+            normals=np.zeros((count, 3), np.float32) if normals is None else self._normals(normals),
             own_normals=normals is not None,
             uv=(source.uv(sets, 0), source.uv(sets, 1)),
             tangents=source.tangents(),
@@ -96,9 +96,13 @@ class PrimitiveReader:
         normals, colors = source.get("NORMAL", ("VEC3",)), source.colors()
         return (
             source.vertices[rows],
-            None if normals is None else _floats(normals)[rows],
+            None if normals is None else self._normals(normals)[rows],
             None if colors is None else colors[rows],
         )
+
+    def _normals(self, values: Array) -> Array:
+        """(V,3) float32, zero where they are not finite, which is noted."""
+        return self._file.notes.known_normals(values.astype(np.float32))
 
     def _count(self, work: int, key: str) -> None:
         self._work += work

@@ -55,6 +55,7 @@ def build_mesh(
             surface = _without_invalid(surface, notes)
         if np.isfinite(surface.vertices).all():
             surface = _with_normals(surface)
+    normals = None if surface.normals is None else unit_or_zero(notes.known_normals(surface.normals))
     uv = surface.uv
     if uv is not None and not np.isfinite(uv).all():
         notes.repaired("texture coordinates that are NaN or infinite: set to 0", int((~np.isfinite(uv)).any(1).sum()))
@@ -63,7 +64,7 @@ def build_mesh(
         vertices=torch.from_numpy(np.ascontiguousarray(surface.vertices, np.float64)),
         faces=torch.from_numpy(np.ascontiguousarray(surface.faces, np.int64)),
         name=name,
-        normals=None if surface.normals is None else unit_or_zero(surface.normals),
+        normals=normals,
         uv=None if uv is None else torch.from_numpy(np.ascontiguousarray(uv[:, :2], np.float32)),
         colors=None if surface.colors is None else torch.from_numpy(np.ascontiguousarray(surface.colors, np.float32)),
         alpha=None if surface.alpha is None else torch.from_numpy(np.ascontiguousarray(surface.alpha, np.float32)),
@@ -146,7 +147,7 @@ def _in_order(surface: Surface, source: Array, faces: Array, normals: Array) -> 
 
 def unit_or_zero(normals: Array) -> Tensor:
     """(V,3) float32 unit normals; zero, which stands for "not known", where there is none."""
-    value = np.nan_to_num(np.array(normals, dtype=np.float64), posinf=0.0, neginf=0.0)
+    value = np.array(normals, dtype=np.float64)
     largest = np.abs(value).max(axis=1, keepdims=True, initial=0.0)
     value = np.divide(value, largest, out=np.zeros_like(value), where=largest > 0)
     length = np.linalg.norm(value, axis=1, keepdims=True)
