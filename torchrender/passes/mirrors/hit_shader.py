@@ -43,7 +43,8 @@ from torchrender.shade import shade
 def look_made_with(options: RenderOptions) -> tuple[Any, ...]:
     """What of the options shows in the colours of hits; their shadows are looked up in maps of everything."""
     shadow, area = everywhere(options), options.soft_shadow if _sampled(options) else options.area_shadows
-    return (options.shadows, shadow, area, plain_background(options), options.ambient_visibility != "off")
+    layers = (options.media, options.transparency, options.transparent_layers)
+    return (options.shadows, shadow, area, *layers, plain_background(options), options.ambient_visibility != "off")
 
 
 def _sampled(options: RenderOptions) -> bool:
