@@ -106,6 +106,32 @@ def test_holes_ask_for_a_keyframe_while_the_view_moves():
     assert place.due(1.2) == "moving"
 
 
+def test_a_view_at_rest_previews_a_changed_scene_and_shows_it_before_the_one_at_rest_is_begun():
+    place = started(still=True)
+    place.refresh(scene=True)
+    assert place.due(1.0) == "preview"
+    place.begin(1, 1.0, timed=False)
+    place.done(1, Shown(CAMERA, 1.0, 2.0, still=False, preview=True))
+    assert place.due(1.1) is None, "a page on this machine has not shown it"
+    place.refresh(scene=True)
+    assert place.due(1.2) == "preview", "what changes again does not wait"
+    place.begin(2, 1.2, timed=False)
+    place.done(2, Shown(CAMERA, 1.0, 2.0, still=False, preview=True))
+    place.take_ack(Ack(id=1), 1.3)
+    place.take_ack(Ack(id=2), 1.3)
+    assert place.latency_s == pytest.approx(0.1), "the next one takes as long as one of a moving view did"
+    assert place.due(1.3) == "still"
+
+
+def test_what_is_not_a_change_of_the_scene_or_moves_has_no_preview():
+    place = started(still=True)
+    place.refresh()
+    assert place.due(1.0) == "moving", "settings"
+    place.refresh(scene=True)
+    place.take_pose(pose(2, moved(0.01), velocity=(1.0, 0.0, 0.0), moving=True), 1.0)
+    assert place.due(1.0) == "moving"
+
+
 def test_no_keyframe_without_a_credit():
     place = started()
     for number in range(1, 1 + CREDITS):

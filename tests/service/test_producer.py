@@ -16,7 +16,7 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.jobs import Job, MakeKeyframe, MakeLayers, SmoothKeyframe
 from torchrender_service.streams.placement import Placement
 from torchrender_service.streams.prediction import margin_of
-from torchrender_service.streams.producer import Producer
+from torchrender_service.streams.producer import PREVIEW_SHARE, Producer
 
 
 class Scripted(FakePool):
@@ -90,6 +90,25 @@ def test_a_view_at_rest_is_made_refined_and_smoothed() -> None:
     assert {job.id for _, job in stage.pool.jobs if isinstance(job, SmoothKeyframe)} == {2}
     assert stage.session.next_id == 3
     assert {address for address, _ in stage.pool.jobs} == {"ours"}, "what pictures share is kept in one renderer"
+
+
+def test_a_changed_scene_takes_back_what_is_made_and_is_previewed_small() -> None:
+    stage = Stage()
+    for _ in range(3):
+        stage.go_on()
+    stage.pool.meanwhile = lambda: stage.placement.refresh(scene=True)
+    before = len(stage.sent)
+    assert stage.go_on() == "smooth" and len(stage.sent) == before
+    stage.pool.meanwhile = lambda: None
+    assert [stage.go_on(), stage.go_on()] == ["preview", "still"]
+    assert stage.sent[before:] == [b"first", b"first", b"extra"], "no layers of the preview are waited for"
+    preview, rest = [job for _, job in stage.pool.jobs if isinstance(job, MakeKeyframe)][-2:]
+    assert preview.preview and not rest.preview
+    assert (preview.extra_layers, preview.mirrors, preview.still) == (0, False, False)
+    pixels = preview.camera.width * preview.camera.height
+    assert pixels <= PREVIEW_SHARE * CAMERA.width * CAMERA.height < pixels + CAMERA.width + CAMERA.height
+    shares = [job.camera.fx / job.camera.width for job in (preview, rest)]
+    assert shares[0] == pytest.approx(CAMERA.fx / CAMERA.width, rel=0.01) and shares[1] < shares[0], "no overscan"
 
 
 @pytest.mark.parametrize("change", ["moved", "settings"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import replace
 
@@ -11,6 +12,7 @@ import torch
 
 from keyframe_jobs import HUNDRED, LOSSLESS_COLOR, STILL, aside, error, job, picture_of
 from reflection_scenes import looking, mirror_scene
+from torchrender.clock import interruptible
 from torchrender.passes.mirrors.hit_shader import look_made_with
 from torchrender.passes.mirrors.key_frame import KEY_FRAME
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -385,6 +387,32 @@ def test_a_picture_in_a_hurry_is_as_bright_as_one_at_rest(scene) -> None:
     assert open_wanted > shut_wanted + 5.0, "it matters here"
     assert abs(shut - shut_wanted) < 0.5 * (open_wanted - shut_wanted)
     assert abs(open_ - open_wanted) < 0.2 * (open_wanted - shut_wanted)
+
+
+def test_a_preview_is_made_at_the_fastest_settings_and_leaves_no_light(scene) -> None:
+    """Others would spread its few pixels over all of theirs."""
+    renderer = StreamRenderer()
+    made = picture_of(
+        renderer.make(scene, job(scene, 1, preview=True, bounds=Bounds(), **LOSSLESS_COLOR))["messages"][0]
+    )
+    rows = {row["pass"]: row for row in made.header.plan["rows"] if row["runs"]}
+    assert made.header.plan["budget_ms"] is None, "there is no search"
+    assert rows["gbuffer"]["settings"] == "1" and rows["soft_shadow"]["settings"] == "hard"
+    state = renderer._sessions["one"]
+    assert state.lit.quick is None and not state.lit.pictures and state.packing_ms == 0.0
+    wanted = display_bytes(render(scene, scene.camera(width=64, height=48), options=STREAMED).radiance[0])
+    assert abs(float(made.codes.numpy().mean()) - float(wanted.mean())) < 4.0, "as bright as others"
+
+
+def test_a_picture_at_rest_can_be_taken_back_while_its_edges_are_smoothed(scene) -> None:
+    renderer = StreamRenderer()
+    looks: list[str] = []  # whose steps these are
+    with interruptible(lambda: looks.append(sys._getframe(4).f_code.co_name)):
+        renderer.make(scene, job(scene, 1, **STILL))
+        assert looks.count("smooth_edges") == 2 * len(ASIDE)
+        while renderer.smooth(SmoothKeyframe(session="one", id=2))["left"]:
+            pass
+    assert looks.count("moved_aside") == 2 * len(ASIDE)
 
 
 def test_a_picture_in_a_hurry_mirrors_what_is_there() -> None:

@@ -19,6 +19,7 @@ from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender_service.renderers.jobs import Bounds, SmoothKeyframe
+from torchrender_service.renderers.streaming import stream_renderer
 from torchrender_service.renderers.streaming.glass import veiled
 from torchrender_service.renderers.streaming.haze import is_hazy
 from torchrender_service.renderers.streaming.layers import cameras_around, extra_layers
@@ -99,6 +100,41 @@ def test_light_behind_panes_and_media_is_carried_and_seen_through_those_of_the_n
     left = [renderer.smooth(SmoothKeyframe(session="one", id=5)) for _ in range(1 + len(ASIDE))]
     assert [made["left"] for made in left] == [4, 3, 2, 1, 0]
     assert not np.isnan(picture_of(left[-1]["messages"][0]).codes.numpy()).any()
+
+
+@pytest.mark.parametrize("make", [patterned, foggy, lambda: load("cornell_box")], ids=["anew", "haze", "clear"])
+def test_further_pictures_are_of_what_is_shown(make, monkeypatch) -> None:
+    """The margin that only a moving view needs keeps the light of the first; the same pixels are made of the rest."""
+    scene, renderer, cameras = make(), StreamRenderer(), []
+
+    def noted(name):
+        usual = getattr(stream_renderer, name)
+
+        def called(scene, camera, *rest):
+            cameras.append(camera)
+            return usual(scene, camera, *rest)
+
+        monkeypatch.setattr(stream_renderer, name, called)
+
+    noted("render_image")
+    noted("moved_aside")
+    camera, found = header_of(scene.camera(width=96, height=72)), []
+    for session, margin in (("one", (0, 0)), ("two", (12, 9))):
+        wish = {**STILL, "camera": camera, "session": session, "margin": margin}
+        first = renderer.make(scene, job(scene, 1, **wish))["messages"][0]
+        while not (last := renderer.smooth(SmoothKeyframe(session=session, id=2)))["messages"]:
+            pass
+        found.append([picture_of(data).codes.numpy().astype(int) for data in (first, last["messages"][0])])
+    cameras = [one for k, one in enumerate(cameras) if k == 0 or one is not cameras[k - 1]]  # refused, then made anew
+    count = 1 + len(ASIDE)
+    assert [(c.width, c.height) for c in cameras] == [(96, 72)] * (count + 1) + [(72, 54)] * len(ASIDE)
+    for whole, part in zip(cameras[1:count], cameras[-len(ASIDE) :], strict=True):
+        assert torch.allclose(part.intrinsics[0, :2, 2] + torch.tensor([12.0, 9.0]), whole.intrinsics[0, :2, 2])
+    inner = np.zeros((72, 96), dtype=bool)
+    inner[9:-9, 12:-12] = True
+    (_, whole), (first, part) = found
+    assert np.abs(part - whole)[inner].mean() < 0.5, "as if all of it had been made"
+    assert np.abs(part - first)[inner].mean() > 0.05, "which is smoother than one picture"
 
 
 def test_without_media_or_where_they_are_out_of_sight_light_is_carried() -> None:

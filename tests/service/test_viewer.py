@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import http.client
+import os
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -22,9 +24,10 @@ from torchrender.clock import StepClock
 from torchrender.errors import InputError, TorchRenderError
 from torchrender.wire.cameras import header_of
 from torchrender.wire.messages import Hello, Look, Pick, Picked, Status, Type, decode, encode
+from torchrender_service.renderers.job_runner import JobRunner
 from torchrender_service.renderers.jobs import FindPixel, Forget, SceneSource, SmoothKeyframe, Survey
 from torchrender_service.viewer.live_scenes import LiveScenes
-from torchrender_service.viewer.thread_pool import ThreadPool
+from torchrender_service.viewer.thread_pool import NICENESS, ThreadPool
 from torchrender_service.viewer.view import Pick as Found
 from torchrender_service.viewer.view import View
 
@@ -52,6 +55,24 @@ def client(view: View) -> Iterator[StreamClient]:
         made.send_pose(made.camera, moving=False)
         made.receive()
         yield made
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have an order of their own")
+def test_the_thread_that_renders_gives_way_to_the_program_and_its_browser(monkeypatch) -> None:
+    found = []
+
+    def noted(runner: Any, job: Any) -> dict[str, Any]:
+        del runner, job
+        found.append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+        return {}
+
+    monkeypatch.setattr(JobRunner, "run", noted)
+    own = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    pool = ThreadPool(LiveScenes())
+    asyncio.run(pool.run(Forget(session="none")))
+    asyncio.run(pool.stop())
+    assert found == [min(19, own + NICENESS)]
+    assert os.getpriority(os.PRIO_PROCESS, threading.get_native_id()) == own, "and nobody else does"
 
 
 def test_an_empty_scene_is_shown_and_filled() -> None:
@@ -87,7 +108,13 @@ def test_moved_vertices_are_shown(view: View, client: StreamClient) -> None:
     lifted = ball.vertices + torch.tensor([0.0, 0.7, 0.0])
     before = client.kept[-1].images[0]
     view.update(mesh="ball", vertices=lifted)
-    made = newest(client, lambda header: header.revision > before.header.revision)
+    preview = newest(client, lambda header: header.revision > before.header.revision)
+    width, height = (side // 2 for side in SIZE)
+    assert preview.images[0].depth.shape == (height, width), "a small picture comes first"
+    seen = preview.images[0].depth.isfinite()
+    small = tr.rasterize(view.scene, client.camera.scaled(0.5)).depth[0]
+    assert float((seen == small.isfinite()).float().mean()) > 0.99
+    made = newest(client, lambda header: header.revision > before.header.revision and header.still)
     expected = tr.rasterize(view.scene, client.camera).depth[0]
     depth = made.images[0].depth
     assert float((depth.isfinite() == expected.isfinite()).float().mean()) > 0.99

@@ -208,6 +208,7 @@ class MakeKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     time_ms: float
     camera: CameraHeader
     still: bool
+    preview: bool = False  # the scene has changed: as soon as can be, no light of it is kept
     margin: tuple[int, int] = (0, 0)  # pixels of the camera beyond the view, on the left and above as on the other side
     extra_layers: int  # made by :class:`MakeLayers` afterwards
     direction: tuple[float, ...]  # the camera is expected to go there, world axes; zero: anywhere
@@ -233,10 +234,8 @@ class MakeLayers(msgspec.Struct, frozen=True, kw_only=True, tag=True):
 
 
 class SmoothKeyframe(msgspec.Struct, frozen=True, kw_only=True, tag=True):
-    """One more picture of the refinement that was made last for a session, part of a pixel aside.
-
-    With the last of them comes their mean, as layer 0 of the keyframe ``id``.
-    """
+    """One more picture of the refinement that was made last for a session, a part of a pixel aside; with the last of
+    them comes their mean, as layer 0 of the keyframe ``id``."""
 
     session: str
     id: int

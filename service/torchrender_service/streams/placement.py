@@ -33,6 +33,7 @@ class Shown:
     typical_depth: float
     still: bool
     smooth: bool = False  # or cannot become so
+    preview: bool = False
 
 
 @dataclass(eq=False)
@@ -64,6 +65,7 @@ class Placement:
         self._rhythm_s = 0.0  # between the last two views of a moving client
         self._holes = 0.0
         self._begun_at = 0.0  # the last keyframe
+        self._changed = False  # the scene, since the last keyframe
         self._fresh = True  # one keyframe is wanted whatever the pose
         self._whole = True  # the last one has all its layers
         self._shown: Shown | None = None
@@ -108,9 +110,10 @@ class Placement:
         self._flights.clear()
         self._fresh = True
 
-    def refresh(self) -> None:
-        """One fresh keyframe is wanted: settings have changed."""
+    def refresh(self, *, scene: bool = False) -> None:
+        """One fresh keyframe is wanted: settings, or the ``scene`` itself, have changed."""
         self._fresh = True
+        self._changed = self._changed or scene
 
     def outdated(self) -> bool:
         """What was sent shows another state of the scene, or other settings: its layers are not worth waiting for.
@@ -132,13 +135,15 @@ class Placement:
     def due(self, now: float) -> str | None:
         """Which kind of keyframe is wanted: "moving", "still", "smooth" (still, the mean of several) or None.
 
+        "preview" is one of a view at rest whose scene has changed: a small one, before the one at rest.
+
         "spare" is a moving one that the view does not need yet: mirrors and outlines only get fresher by it.
         """
         pose, shown = self.pose, self._shown
         if pose is None or len(self._flights) >= CREDITS:
             return None
         if self._fresh or shown is None or self.playing:
-            return "moving"
+            return "preview" if self._changed and not self._going(pose, now) else "moving"
         if needs_keyframe(shown.view, self.view(pose, now), shown.typical_depth, shown.overscan):
             return "moving"
         exact = same_view(shown.view, pose.camera)
@@ -147,7 +152,7 @@ class Placement:
         if self._going(pose, now):
             return "spare" if self._spare(pose, now) else None
         rested = now - self._moved_at >= self._rest_s
-        if not rested:
+        if not rested or (shown.preview and self._flights):  # made beside a page on this machine, it would come late
             return None
         if not (exact and shown.still):
             return "still"
@@ -195,7 +200,7 @@ class Placement:
 
     def begin(self, number: int, now: float, *, timed: bool) -> Flight:
         """A keyframe is begun: it takes a credit."""
-        self._fresh, self._begun_at = False, now
+        self._fresh, self._changed, self._begun_at = False, False, now
         flight = self._flights[number] = Flight(now, timed)
         return flight
 

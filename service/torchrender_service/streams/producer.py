@@ -30,6 +30,7 @@ from torchrender_service.streams.sessions import Session
 
 LOG = logging.getLogger("torchrender_service.streams.producer")
 LOOK_S = 0.01  # between two looks whether a view at rest moves again
+PREVIEW_SHARE = 0.25  # of the pixels of a view, in a preview
 REACH_S = 0.5  # extra cameras stand where the client will be after this time
 
 
@@ -56,17 +57,22 @@ class Producer:
         if kind == "smooth":
             await self._smooth()
         else:
-            await self._keyframe(still=kind == "still")
+            await self._keyframe(kind)
 
-    async def _keyframe(self, *, still: bool) -> None:
+    async def _keyframe(self, kind: str) -> None:
         placement, session, now = self.placement, self.session, time.monotonic()
-        pose = placement.pose
+        pose, still, preview = placement.pose, kind == "still", kind == "preview"
         assert pose is not None
         view = pose.camera if still else placement.view(pose, now)
-        camera = overscanned(view, session.overscan, self.max_pixels)
+        if preview:
+            camera = overscanned(view, 1.0, min(self.max_pixels, int(PREVIEW_SHARE * view.width * view.height)))
+        else:
+            camera = overscanned(view, session.overscan, self.max_pixels)
         number, session.next_id = session.next_id, session.next_id + 1
-        flight = placement.begin(number, now, timed=not still)
+        flight = placement.begin(number, now, timed=not (still or preview))
         job = msgspec.structs.replace(self._job(number, pose, camera, still), margin=margin_of(camera, view))
+        if preview:
+            job = msgspec.structs.replace(job, preview=True, extra_layers=0, mirrors=False)
         try:
             made = await (self._unless(self._moves, job) if still else self._run(job))
         except ServiceError:
@@ -76,9 +82,9 @@ class Producer:
             placement.failed(number)
             return
         overscan = min(camera.width * view.fx / (camera.fx * view.width), session.overscan)
-        if not placement.done(number, Shown(view, overscan, made["typical_depth"], still)):
+        if not placement.done(number, Shown(view, overscan, made["typical_depth"], still, preview=preview)):
             return  # a RESYNC came meanwhile
-        await self._deliver(number, flight, made, "still" if still else "moving")
+        await self._deliver(number, flight, made, "moving" if kind == "spare" else kind)
 
     async def _smooth(self) -> None:
         """One more picture of the view at rest, and the keyframe if it was the last."""
@@ -119,8 +125,8 @@ class Producer:
             self.metrics.count("keyframe_bytes", len(message))
 
     def _moves(self) -> bool:
-        """The view that was at rest moves again."""
-        return self.placement.due(time.monotonic()) in ("moving", "spare")
+        """The view that was at rest moves again, or shows something else."""
+        return self.placement.due(time.monotonic()) in ("moving", "spare", "preview")
 
     async def _unless(
         self, overtaken: Callable[[], bool], job: MakeKeyframe | MakeLayers | SmoothKeyframe

@@ -127,7 +127,7 @@ class Stream:
 
     def refresh(self) -> None:
         """The scene has changed: a new keyframe is wanted."""
-        self._placement.refresh()
+        self._placement.refresh(scene=True)
         self._wake.set()
 
     def look(self, camera: CameraHeader) -> None:

@@ -65,7 +65,7 @@ class Viewing:
     @contextlib.contextmanager
     def doing(self, kind: str) -> Iterator[None]:
         """A picture is being made."""
-        self._doing = cast("Kind", "moving" if kind == "spare" else kind), time.monotonic()
+        self._doing = cast("Kind", "moving" if kind in ("spare", "preview") else kind), time.monotonic()
         try:
             yield
         finally:

@@ -26,7 +26,11 @@ from torchrender_service.renderers.jobs import (
 )
 from torchrender_service.renderers.processes.desk import Cancelled
 from torchrender_service.renderers.worker import failure_of
+from torchrender_service.scheduling import give_way
 from torchrender_service.viewer.live_scenes import LiveScenes
+
+NICENESS = 5
+"""The thread, and those that its kernels start, give way to the program, and to browsers that draw on this machine."""
 
 
 class Waiting(NamedTuple):
@@ -46,7 +50,9 @@ class ThreadPool(RendererPool):
 
     def __init__(self, scenes: LiveScenes) -> None:
         self._runner = JobRunner(scenes=scenes)
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="torchrender-viewer")
+        self._thread = ThreadPoolExecutor(
+            1, thread_name_prefix="torchrender-viewer", initializer=give_way, initargs=(NICENESS,)
+        )
         self._waiting: list[Waiting] = []  # a heap
         self._numbers = itertools.count()
         self._lock = threading.Lock()

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.buffers import VisibilityBuffer
+from torchrender.clock import StepClock
 from torchrender.effects.transparency.before import told_apart
 from torchrender.effects.upsampling.carried import CarriedLight, LitPicture, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
@@ -201,9 +202,12 @@ def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float
     camera, geometry = image.cameras, image.scene.geometry
     picture = LitPicture(told_apart(image.scene, image.visibility), light.detach())
     total, count = light.clone(), torch.ones(*light.shape[:2], 1)
+    clock = StepClock()  # whoever asked may have gone on: that is looked at between its steps
     for right, down in aside:
-        seen = rasterize_visibility(geometry, camera.sub_camera(right, down, camera.width, camera.height))
-        found = carried_light(told_apart(image.scene, seen), [picture], geometry.material)
+        with clock.measure("seen"):
+            seen = rasterize_visibility(geometry, camera.sub_camera(right, down, camera.width, camera.height))
+        with clock.measure("carried"):
+            found = carried_light(told_apart(image.scene, seen), [picture], geometry.material)
         total += found.light
         count += found.known[..., None]
     return total / count
@@ -215,10 +219,13 @@ def moved_aside(
     """The light (H,W,3) of a view that is a part of a pixel beside another's, whose light it takes where the picture is
     calm; busy pixels, and what is seen between those of the other, are shaded. None where the history lacks what its
     panes or media need."""
-    view = View.of(scene, camera, options, past, base)
+    clock = StepClock()
+    with clock.measure("seen"):
+        view = View.of(scene, camera, options, past, base)
     if view is None:
         return None
-    carried = carried_light(view.apart, [base.picture], scene.geometry.material)
+    with clock.measure("carried"):
+        carried = carried_light(view.apart, [base.picture], scene.geometry.material)
     fresh = view.filled & (base.busy | ~carried.known)
     return _completed(scene, view, carried, fresh, None, options, past)[1]
 

@@ -70,10 +70,11 @@ class Glass:
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """The first of several pictures of a view at rest."""
+    """The first of several pictures of a view at rest. The others are of what is shown of it, H x W pixels."""
 
-    picture: LitPicture
-    haze: Haze | None
+    picture: LitPicture  # all of it
+    seen: VisibilityBuffer  # (1,H,W)
+    haze: Haze | None  # (H,W)
     busy: Tensor  # (H,W) bool: its neighbours do not tell what lies between them
 
 
@@ -102,7 +103,7 @@ class View:
         seen = rasterize_visibility(scene.geometry, camera)
         if is_hazy(scene, camera, options):
             if near is not None and near.haze is not None:
-                haze = near.haze.spread(scene, near.picture.seen, seen)
+                haze = near.haze.spread(scene, near.seen, seen)
             else:
                 haze = Haze.of(scene, seen, options, past)
             if haze is None:

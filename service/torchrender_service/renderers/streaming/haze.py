@@ -63,6 +63,10 @@ class Haze:
         parts = (hazed.layer.transmittance, hazed.layer.scattered)
         return cls(*((part if part.shape[1:3] == size else resampled(part, size, "joint"))[0] for part in parts))
 
+    def part(self, rows: slice, columns: slice) -> Haze:
+        """Of some pixels."""
+        return Haze(self.passed[rows, columns], self.added[rows, columns])
+
     @property
     def thick(self) -> Tensor:
         """(H,W) bool: nothing is known of what lies behind."""

@@ -54,23 +54,14 @@ def shade_pixels(
     return ShadedPixels(made.radiance.reshape(-1, 3)[: len(rows)], made.plan, made.history)
 
 
-def busiest(codes: Array, margin: tuple[int, int] = (0, 0)) -> Tensor:
+def busiest(codes: Array) -> Tensor:
     """(H,W) bool: where displayed colours (H,W,3) uint8 change so much from pixel to pixel that a view moved by a part
-    of one shows others; of a busy picture the busiest part.
-
-    Args:
-        margin: columns and rows at either side that are not shown before the view moves: none of them is busy.
-    """
-    left, top = margin
-    height, width = codes.shape[:2]
-    busy = torch.zeros(height, width, dtype=torch.bool)
-    inner = slice(top, height - top), slice(left, width - left)
-    channels = torch.from_numpy(codes[inner]).permute(2, 0, 1)[None].float()
+    of one shows others; of a busy picture the busiest part."""
+    channels = torch.from_numpy(codes).permute(2, 0, 1)[None].float()
     span = (max_pool2d(channels, 3, 1, 1) + max_pool2d(-channels, 3, 1, 1)).amax(dim=1)[0]
     calm = span.numel() - max(FEW_BUSY, int(MOST_BUSY * span.numel()))
     least = float(span.flatten().kthvalue(calm).values) if calm > 0 else 0.0
-    busy[inner] = span > max(BUSY, least)
-    return busy
+    return span > max(BUSY, least)
 
 
 def background_of(scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Tensor:

@@ -17,9 +17,13 @@ from torchrender_service.renderers.keyframes import Stamp, displayed
 from torchrender_service.renderers.streaming.carrying import LitViews
 from torchrender_service.renderers.streaming.glass import Base, lit_picture
 from torchrender_service.renderers.streaming.haze import Haze
+from torchrender_service.renderers.streaming.lattice import window_of
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import busiest
 from torchrender_service.renderers.viewing.appearance import Exposure, Wish, as_wished
+
+ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
+"""Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +81,41 @@ class Refinement:
         mirrors = made.mirrors if self.begun.mirrors is not None and made.mirrors is not None else self.begun.mirrors
         self.begun = replace(self.begun, image=image, options=made.options, past=made.history, mirrors=mirrors)
         if whole and self.bounds.budget_ms is None and made.options.supersample >= 1.0:
-            busy = busiest(displayed(self.begun.stamp, light), self.job.margin)
-            self.base = Base(lit_picture(image, light, None), Haze.of_image(image), busy)
+            rows, columns = self._shown
+            picture, haze = lit_picture(image, light, None), Haze.of_image(image)
+            self.base = Base(
+                picture=picture,
+                seen=window_of(picture.seen, rows, columns),
+                haze=None if haze is None else haze.part(rows, columns),
+                busy=busiest(displayed(self.begun.stamp, light)[rows, columns]),
+            )
+
+    @property
+    def next_camera(self) -> Cameras:
+        """The camera of the next picture, a part of a pixel aside: of further ones the margin is left out that only a
+        moving view needs."""
+        if self.light is None:
+            return self.camera
+        rows, columns = self._shown
+        right, down = ASIDE[self.count - 1]
+        size = columns.stop - columns.start, rows.stop - rows.start
+        return self.camera.sub_camera(columns.start + right, rows.start + down, *size)
+
+    @property
+    def _shown(self) -> tuple[slice, slice]:
+        """Rows and columns of the view without the margin."""
+        left, top = self.job.margin
+        return slice(top, self.camera.height - top), slice(left, self.camera.width - left)
 
     def add(self, light: Tensor) -> None:
-        """The light (H,W,3) of one more picture."""
+        """The light of one more picture (H,W,3), or of what is shown of it: around that it is as in those so far."""
         light = light.clamp(max=self.brightest)
-        self.light = light if self.light is None else self.light + light
+        if self.light is None:
+            self.light = light
+        else:
+            whole = self.light / self.count
+            whole[self._shown] = light
+            self.light = self.light + whole
         self.count += 1
 
 

@@ -9,10 +9,7 @@ from typing import Any
 
 import torch
 
-from torchrender.effects.reflections.traced import TraceOptions
 from torchrender.effects.upsampling.outlines import smooth_outlines
-from torchrender.passes.light import ambient_visibility
-from torchrender.passes.mirrors import reflections
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -34,7 +31,8 @@ from torchrender_service.renderers.streaming.layers import (
     typical_depth,
     worth_sending,
 )
-from torchrender_service.renderers.streaming.session import Begun, Made, Refinement, SessionState
+from torchrender_service.renderers.streaming.quick import as_bright, quickest
+from torchrender_service.renderers.streaming.session import ASIDE, Begun, Made, Refinement, SessionState
 from torchrender_service.renderers.viewing.appearance import brightest, options_of, wish_of
 
 MAX_SESSIONS = 256
@@ -51,14 +49,6 @@ PACKING_SHARE = 0.5
 """Of the budget, at most, that is kept free for making messages."""
 STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
-ASIDE = ((-0.375, -0.125), (0.125, -0.375), (0.375, 0.125), (-0.125, 0.375))
-"""Pixels by which the further pictures of a refinement are moved: with the first, five places in every pixel."""
-QUICK_AMBIENT = "1 x 12"
-"""Setting of ambient visibility in pictures that are made within a budget, however small."""
-QUICK_MIRRORS = "traced"
-"""The same of mirrors."""
-ONE_RAY = TraceOptions(glossy_rays=1, bounces=1)
-"""Of each mirroring pixel in these pictures; glossy ones share what the rays of their neighbours find."""
 SELDOM = 8
 """Keyframes of a moving view between two looks at what a session keeps: one picture takes as much as the next."""
 MAX_REFINED = 4
@@ -138,7 +128,8 @@ class StreamRenderer:
         state.unweighed += 1
         if job.still or state.unweighed >= SELDOM or not state.bytes:
             self._weigh(job, state)
-        state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
+        if not job.preview:
+            state.packing_ms = 1e3 * (time.perf_counter() - begin) - render_ms
         return {
             "messages": messages,
             "extra_layers": len(around),
@@ -172,11 +163,9 @@ class StreamRenderer:
         if state is None or refined is None:
             return {"messages": [], "left": 0}
         begin = time.perf_counter()
-        camera, options = refined.camera, options_of(STREAMED, refined.job.off)
+        camera, options = refined.next_camera, options_of(STREAMED, refined.job.off)
         if refined.bounds.max_error is not None:
             options = refined.begun.options  # chosen for that
-        if refined.light is not None:
-            camera = camera.sub_camera(*ASIDE[refined.count - 1], camera.width, camera.height)
         base = refined.base
         light = None if base is None else moved_aside(refined.scene, camera, base, options, refined.begun.past)
         if light is not None:
@@ -254,9 +243,11 @@ class StreamRenderer:
                 return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
+        if job.preview:
+            return self._preview(scene, camera, state, options)
         keeps = bounds.max_error is None and not veiled(scene, camera, options)
         options = replace(options, buffers=CARRYING_NEEDS) if job.mirrors or keeps else options
-        options = options if bounds.max_error is not None else _as_bright(options)
+        options = options if bounds.max_error is not None else as_bright(options)
         image, plan = render_image(scene, camera, bounds, options, state.history)
         assert image.history is not None and image.plan is not None
         state.history = image.history
@@ -267,6 +258,13 @@ class StreamRenderer:
             if job.scene.id not in self._beginnings:
                 self._beginnings.keep(job.scene.id, state)
         return Made(image, plan, image.plan.options, image.history, mirrors)
+
+    def _preview(self, scene: Scene, camera: Cameras, state: SessionState, options: RenderOptions) -> Made:
+        """A picture without a search for settings; what it took teaches nothing about those with one."""
+        image, plan = render_image(scene, camera, Bounds(), quickest(options), state.history)
+        assert image.history is not None and image.plan is not None
+        state.history = replace(image.history, pace=state.history.of_scene(scene).pace)
+        return Made(image, plan, image.plan.options, image.history, None)
 
     def _share_maps(self, scene: str, history: RenderHistory) -> None:
         """What a few pixels were shaded with serves those that other sessions shade at first."""
@@ -293,22 +291,6 @@ class StreamRenderer:
             state.history.of_scene(scene), kept={**state.history.kept, **image.history.shared().kept}
         )
         return Made(image, plan, image.plan.options, image.history, mirrors)
-
-
-def _as_bright(options: RenderOptions) -> RenderOptions:
-    """With what hides light found quickly, and never left out to save time: without it pictures are brighter.
-
-    That is ambient visibility, and what stands before mirrors: surroundings that are taken from the middle of a room
-    show its windows in all of its floor, and nothing dark that stands there.
-    """
-    quick = options
-    if options.ambient_visibility != "off":
-        quick = ambient_visibility.PASS.settings.named(QUICK_AMBIENT).applied(quick)
-        quick = replace(quick, fixed=(*quick.fixed, ambient_visibility.PASS.name))
-    if options.reflections != "off":
-        quick = reflections.PASS.settings.named(QUICK_MIRRORS).applied(quick)
-        quick = replace(quick, tracing=ONE_RAY, fixed=(*quick.fixed, reflections.PASS.name))
-    return quick
 
 
 def _is_shared(kept: Kept) -> bool:
