@@ -80,7 +80,7 @@ class _Spread(torch.autograd.Function):
         return spread(radiance.detach())
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:
         count, height, width, channels = ctx.shape
         rows, columns = torch.arange(height) % WINDOW, torch.arange(width) % WINDOW

@@ -10,11 +10,11 @@ from numba.extending import intrinsic
 from torchrender.kernels.raster.lanes.vectors import DOUBLES, I64, INTS, LANES, LONGS, call, constant, splat
 
 
-def _snapped(builder, x, y, inside, fixed):
+def _snapped(builder, place, inside, fixed):
     """Both positions in fixed point, in one float64 of the same bits; see ``project.snap``."""
     subpixel, needs_clip = (splat(builder, kind, n) for kind, n in zip((DOUBLES, LONGS), fixed, strict=True))
     halves = []
-    for value in (y, x):  # the lower half first
+    for value in reversed(place):  # the lower half first
         moved = builder.fadd(builder.fmul(value, subpixel), _all(0.5))
         # What lies inside fits into 32 bits.
         halves.append(builder.fptosi(call(builder, f"llvm.floor.v{LANES}f64", DOUBLES, [moved]), INTS))
@@ -84,7 +84,7 @@ def project_lanes(typingctx, vertices, first, pose, limits, out, fixed):  # noqa
             size = call(builder, f"llvm.fabs.v{LANES}f64", DOUBLES, [value])
             inside = builder.and_(inside, builder.fcmp_ordered("<", size, splat(builder, DOUBLES, guard)))
         view = context.make_array(sig.args[4])(context, builder, out_)
-        for k, row in enumerate(_rows(builder, [*seen, _snapped(builder, *place, inside, fixed)])):
+        for k, row in enumerate(_rows(builder, [*seen, _snapped(builder, place, inside, fixed)])):
             at = builder.mul(builder.add(first_, places_of[k]), ir.Constant(I64, 4))
             pointer = builder.bitcast(cgutils.gep_inbounds(builder, view.data, at), row.type.as_pointer())
             builder.store(row, pointer).align = 8
