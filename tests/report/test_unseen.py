@@ -10,7 +10,7 @@ import pytest
 from torchrender.report.common.parts import Parts
 from torchrender.report.unseen.page import bounds, budgets, predictions
 from torchrender.report.unseen.study import QUICK, StudyOptions, run, scenes
-from torchrender.tuning.unseen import SEEDS
+from torchrender.tuning.unseen import HELD_OUT, SEEDS
 
 
 def test_a_small_study_writes_its_page(tmp_path: Path) -> None:
@@ -25,7 +25,8 @@ def test_a_small_study_writes_its_page(tmp_path: Path) -> None:
 def test_what_is_missing_is_said_and_seeds_are_others(capsys: pytest.CaptureFixture[str]) -> None:
     found = list(scenes(StudyOptions(random=1, files=("no/such.glb",))))
     assert [name for name, _ in found] == ["random 0"] and "no/such.glb" in capsys.readouterr().err
-    assert int(found[0][1].name.split()[1]) not in SEEDS
+    assert int(found[0][1].name.split()[1]) not in {*SEEDS, *HELD_OUT}
+    assert not {*SEEDS} & {*HELD_OUT}, "intervals are those of scenes that no line was fitted to"
 
 
 def row(
