@@ -238,9 +238,10 @@ class Run:
 
     @property
     def _looks(self) -> bool:
-        """It is time to sense: a search was made, or many pictures stood by it."""
+        """It is time to sense: a search was made, or many pictures stood by it, or the view has leapt elsewhere."""
         stood = [search.pictures for search in self.searches]
-        return all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
+        leaps = self.knowledge.outlook.history.leaps_to(self.knowledge.outlook.cameras)
+        return leaps or all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
 
     @property
     def _stands(self) -> bool:
