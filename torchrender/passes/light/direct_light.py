@@ -204,11 +204,10 @@ def _changed(frame: Frame, visible: Tensor, change: Tensor) -> float:
 
 
 def _whiteness(frame: Frame, radiance: Tensor, visible: Tensor, side: int) -> Tensor:
-    """Surfaces as white as the light they send allows, half white at most; where next to none arrives, as they are."""
+    """Surfaces as white as the light they send allows, half white at most, as those are that next to none arrives at."""
     told = radiance.mean(dim=-1) / (sum(_from_around(frame.scene)) * visible).clamp_min(1e-6)
-    colors = frame.scene.material_table.diffuse.detach().mean(dim=-1)
-    own = colors[few(frame[GBUFFER].material, side).clamp_min(0)]
-    return torch.where(visible < HIDDEN, own, told).clamp_max(HALF_WHITE)
+    hidden = (visible < HIDDEN) & few(frame[GBUFFER].covered, side)
+    return torch.where(hidden, HALF_WHITE, told).clamp_max(HALF_WHITE)
 
 
 def _nearness(frame: Frame) -> float | None:

@@ -171,7 +171,7 @@ BEFORE = HardEffect(
 
 
 def off(options: RenderOptions, history: RenderHistory) -> RenderOptions:
-    """Over other samples: not at all."""
+    """Over what rays hit: not at all."""
     del history
     return replace(options, transparency="off")
 
@@ -193,7 +193,6 @@ PASS = Pass(
         ("rays", {"transparency": "traced", "transparent_layers": 256}),
     ),
     amounts=amounts,
-    over_samples=off,
     over_hits=off,
     hard=(HARD, BEFORE),
 )
