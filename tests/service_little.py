@@ -16,7 +16,7 @@ from service_server import RunningServer
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererHandle
-from torchrender_service.renderers.jobs import Job, Locate, Render
+from torchrender_service.renderers.jobs import CheckKeyframes, Job, Locate, Render
 from torchrender_service.settings import Settings, read_settings
 from torchrender_service.web.server import Server, make_server
 
@@ -59,9 +59,11 @@ class PatientPool(FakePool):
 
     def answer(self, job: Job) -> dict[str, Any]:
         if isinstance(job, Render):
-            return {"file": PICTURE, "plan": {"rows": []}, "timings_ms": {}}
+            return {"file": PICTURE, "plan": {"rows": []}, "timings_ms": {}, "warnings": []}
         if isinstance(job, Locate):
             return super().answer(job)
+        if isinstance(job, CheckKeyframes):
+            return {}
         return dict(FACTS)
 
 

@@ -118,6 +118,18 @@ def test_empty_scene_is_background() -> None:
     assert torch.isfinite(tr.render(tr.Scene(), width=8, height=6).radiance).all()
 
 
+@pytest.mark.parametrize("wish", [{}, {"budget_ms": 50.0}, {"max_error": 0.05}, {"budget_ms": 50.0, "max_error": 0.05}])
+def test_no_cameras_give_no_pictures_whatever_is_wished(wish: dict[str, float]) -> None:
+    scene, none = floor_and_roof(SUN), SIDE[[]]
+    for history in (None, tr.RenderHistory()):
+        image = tr.render(scene, none, history=history, **wish)
+        assert image.radiance.shape == (0, 64, 96, 3) and image.plan is not None
+        assert image.plan.possible and not image.plan.statement
+    assert image.history is not None and image.history.pace is not None
+    assert all(math.isfinite(value) for value in image.history.pace.known.values())
+    assert tr.plan(scene, none, **wish).possible
+
+
 def test_named_cameras_and_sizes() -> None:
     scene = replace(floor_and_roof(SUN), cameras={"side": SIDE, "far": replace(SIDE, near=torch.tensor(1.0))})
     assert tr.render(scene, "far", width=30, height=20).radiance.shape == (1, 20, 30, 3)

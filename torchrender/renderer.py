@@ -27,7 +27,7 @@ from torchrender.pipeline.pace import Pace
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
 from torchrender.planning.plan import Plan
-from torchrender.planning.planner import check_names, check_wishes
+from torchrender.planning.planner import check_names, check_wishes, wishes_about
 from torchrender.run import Run
 from torchrender.scene.camera import Cameras
 from torchrender.scene.load import load
@@ -104,12 +104,11 @@ def render(
     if not isinstance(scene, Scene | str | Path):
         from torchrender.points.picture import picture
 
-        wishes = {"options": options, "history": history, "budget_ms": budget_ms, "max_error": max_error}
-        return picture(scene, camera, (width, height), wishes)
+        given = {"options": options, "history": history, "budget_ms": budget_ms, "max_error": max_error}
+        return picture(scene, camera, (width, height), given)
     check_wishes(budget_ms, max_error)
-    options = options_of(options, RenderOptions)
+    check_names(options := options_of(options, RenderOptions))
     _check_history(history)
-    check_names(options)
     clock = StepClock(watched=budget_ms is not None)
     if not isinstance(scene, Scene):
         with clock.measure("load"):
@@ -118,9 +117,10 @@ def render(
         cameras = view_of(scene, camera, width, height)
         check_gradients("render", scene, options)
         knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
-        if max_error is not None and budget_ms is None and knowledge.blind:
+        wishes = wishes_about(cameras, budget_ms, max_error)
+        if wishes[0] is None and wishes[1] is not None and knowledge.blind:
             knowledge = _looked(knowledge, history, clock)
-        image = (run := Run(knowledge, (budget_ms, max_error), clock)).image()
+        image = (run := Run(knowledge, wishes, clock)).image()
         say([*scene_doubts(scene), *run.doubts])
     plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"], waited=clock.waited)
     kept = None if history is None else run.history(plan)

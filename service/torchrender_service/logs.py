@@ -1,4 +1,7 @@
-"""Structured logs: one JSON object a line on standard error, without secrets."""
+"""Structured logs: one JSON object a line on standard error, without secrets.
+
+Warnings are lines of it, too, each once a scene, and whoever asked for the job that warns is told as well.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,23 @@ import json
 import logging
 import re
 import sys
+import threading
 import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TextIO
 
+from torchrender.errors import TorchRenderWarning
+
+LOG = logging.getLogger("torchrender_service.logs")
 LOG_BYTES_PER_S = 15_000.0
 LOG_BURST_BYTES = 64_000.0
+MOST_KNOWN = 1000
+"""Warnings that are known to have been logged: then these are forgotten, and some come once more."""
 _STANDARD = {
     *logging.LogRecord("", 0, "", 0, "", None, None).__dict__,
     "message",
@@ -72,7 +87,7 @@ class Budget(logging.StreamHandler[TextIO]):
 
 
 def set_up_logs(level: str) -> None:
-    """Send everything to standard error as JSON lines."""
+    """Send everything to standard error as JSON lines, warnings of Python, too."""
     handler = Budget(sys.stderr)
     handler.setFormatter(JsonLines())
     root = logging.getLogger()
@@ -81,3 +96,60 @@ def set_up_logs(level: str) -> None:
     # Handshakes carry tickets; what matters of a connection is logged by the stream itself.
     for name in ("uvicorn.access", "uvicorn.error", "websockets"):
         logging.getLogger(name).setLevel("WARNING")
+    listen()
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    scene: str  # id; empty: none
+    said: dict[str, type[Warning]] = field(default_factory=dict)
+
+
+_JOB: ContextVar[_Job | None] = ContextVar("job", default=None)
+
+
+@contextmanager
+def hearing(scene: str) -> Iterator[None]:
+    """Warnings of this thread are those of a job about a scene, until the block ends; :func:`heard` tells them."""
+    token = _JOB.set(_Job(scene))
+    try:
+        yield
+    finally:
+        _JOB.reset(token)
+
+
+def heard(*but: type[Warning]) -> list[str]:
+    """What the job of this thread warned of so far but for some kinds, each text once; nothing where nobody listens."""
+    job = _JOB.get()
+    return [] if job is None else [text for text, kind in job.said.items() if not issubclass(kind, but)]
+
+
+def listen() -> None:
+    """Hear every warning of this process from now on, instead of printing it."""
+    known: set[tuple[str, str]] = set()
+    lock = threading.Lock()
+
+    def hear(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        del file, line
+        text, job = str(message), _JOB.get()
+        scene = "" if job is None else job.scene
+        if job is not None and issubclass(category, TorchRenderWarning):
+            job.said[text] = category
+        with lock:
+            if (scene, text) in known:
+                return
+            if len(known) >= MOST_KNOWN:
+                known.clear()
+            known.add((scene, text))
+        told = {"kind": category.__name__, "at": f"{Path(filename).name}:{lineno}"}
+        LOG.warning("%s", text, extra=told | ({"scene": scene} if scene else {}))
+
+    warnings.simplefilter("always", TorchRenderWarning)  # each job's client is told, not the first one's alone
+    warnings.showwarning = hear

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import urllib.request
 from collections.abc import Callable
 
 import pytest
 
-from browser_stage import JPEG_READY, Visit, says
+from browser_stage import JPEG_READY, Service, Visit, says
 
 APART = """([names, mode]) => {
     document.body.dataset.controls = mode;
@@ -54,6 +55,35 @@ def test_nothing_stands_on_top_of_something_else(visit: Callable[..., Visit], wi
     head = [".brand", "#scene", "#status", "#add", "#toggle"]
     assert page.page.evaluate(APART, [head, mode]) == []
     assert page.page.evaluate(APART, [["#help", "#brief"], mode]) == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 360), (390, 844), (1280, 720)])
+@pytest.mark.parametrize("mode", ["walk", "orbit"])
+def test_what_is_said_has_room(visit: Callable[..., Visit], width: int, height: int, mode: str) -> None:
+    page = visit(context={"viewport": {"width": width, "height": height}}, layers=0)
+    page.wait(JPEG_READY)
+    page.page.evaluate(BUSY)
+    assert page.page.evaluate(APART, [["#help", "#brief", "#picked"], mode]) == []
+    inside = """() => {
+      const e = document.getElementById("message"), box = e.getBoundingClientRect();
+      e.hidden = false;
+      e.textContent = "there is no scene '" + "d7b1b447".repeat(8) + "'";
+      return e.scrollWidth <= e.clientWidth;
+    }"""
+    assert page.page.evaluate(inside)
+
+
+def test_a_scene_that_is_deleted_goes_by_its_name(visit: Callable[..., Visit], service: Service) -> None:
+    body = b'name = "crate"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
+    asked = urllib.request.Request(f"{service.url}v1/scenes?name=old_crate", body, {"content-type": "application/toml"})
+    with urllib.request.urlopen(asked) as answer:
+        place = answer.headers["location"]
+    page = visit(scene=place.rpartition("/")[2], layers=0)
+    page.wait(JPEG_READY)
+    page.page.wait_for_function("() => document.querySelectorAll('#scene option').length === 3")
+    urllib.request.urlopen(urllib.request.Request(f"{service.url.rstrip('/')}{place}", method="DELETE"))
+    says(page.page, "#message", "The scene old crate was deleted.")
+    assert page.page.locator("#message").inner_text() == "The scene old crate was deleted."
 
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}

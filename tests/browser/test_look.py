@@ -69,6 +69,8 @@ def test_effects_are_left_out_and_cost_nothing_then(visit: Callable[..., Visit])
     page.page.locator("#effect-lights").uncheck()
     asked = asked + 1
     page.wait(f"() => window.torchrender.keyframes[0].settings >= {asked}")
+    page.wait(REFINED)
+    says(page.page, "#cost-lights", "for others")  # what the surroundings light is shaded by the same pass
     assert page.capture()[0].mean() > 5, "a scene without its light is dim, not black"
 
 

@@ -98,7 +98,9 @@ def test_settings_reach_the_server(visit: Callable[..., Visit]) -> None:
         Type.SETTINGS, lambda it: it.layers == 3 and it.budget_ms is None and it.max_error is not None
     )
     page.wait("() => window.torchrender.keyframes[0].layers === 4")
-    page.page.locator("#density").fill("75")
+    for place, text in (("0", "0.0 ×"), ("50", "1.0 ×"), ("100", "100 ×"), ("75", "10 ×")):
+        page.page.locator("#density").fill(place)
+        assert page.page.locator("#density-value").inner_text() == text
     page.wait_for_message(Type.SETTINGS, lambda it: it.density == pytest.approx(10) and it.asymmetry is None)
     page.page.locator("#asymmetry").fill("-40")
     page.wait_for_message(

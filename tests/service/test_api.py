@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import os
+import random
 import statistics
 import threading
 import time
@@ -129,6 +130,41 @@ def test_depth_images_are_reprojected(server: RunningServer) -> None:
         assert (picture[..., 3] > 0).mean() == pytest.approx(share, abs=1e-3)
         arrays = np.load(io.BytesIO(server.ask("POST", "/v1/reproject", body, accept="application/x-npz").body))
         assert arrays["valid"].mean() == pytest.approx(share, abs=1e-6)
+
+
+def test_damaged_containers_are_refused_before_they_are_kept(server: RunningServer) -> None:
+    """What is kept can be reprojected, wherever a byte was changed."""
+    kind = "application/vnd.torchrender.keyframes"
+    whole = server.ask("POST", "/v1/depth-images", {**SMALL, "cameras": [LOOK], "around": 2, "spread": 0.05}).body
+    other = server.ask("POST", "/v1/depth-images", {**SMALL, "width": 32, "cameras": [LOOK]}).body
+    dice, refused = random.Random(1), 0
+    for place in (*(dice.randrange(len(whole)) for _ in range(24)), len(whole) - 20):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << dice.randrange(8)
+        answer = server.ask("POST", "/v1/keyframes", bytes(damaged), content_type=kind)
+        if answer.status == 422:
+            refused += 1
+            assert answer.json()["type"].endswith(":invalid-value")
+            continue
+        assert answer.status == 201
+        body = {"keyframes": answer.json()["id"], "camera": LOOK, **SIZE}
+        assert server.ask("POST", "/v1/reproject", body).status == 200, f"byte {place}"
+    assert refused > 12, "most bytes are those of pictures"
+    assert "checksum" in answer.json()["detail"]
+    mixed = server.ask("POST", "/v1/keyframes", whole + other, content_type=kind)
+    assert mixed.status == 422 and "one size" in mixed.json()["detail"]
+    for status in (200, 200):  # it was kept when it was made
+        again = server.ask("POST", "/v1/keyframes", whole, content_type=kind)
+        assert again.status == status and again.json()["images"] == 2
+
+
+def test_a_client_is_told_what_is_doubted(server: RunningServer) -> None:
+    away = {"eye": [0.278, 0.273, -0.8], "target": [0.278, 0.273, -2.0]}
+    for _ in range(2):  # each time
+        answer = server.ask("POST", "/v1/render", {**SMALL, "camera": away})
+        (told,) = json.loads(answer.headers["torchrender-warnings"])
+        assert told.startswith("cornell_box: ") and "sees nothing" in told
+    assert "torchrender-warnings" not in server.ask("POST", "/v1/render", {**SMALL, "camera": LOOK}).headers
 
 
 def test_plans_and_curves(server: RunningServer) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
+import struct
+import subprocess
 import sys
 import threading
 import time
@@ -25,9 +28,7 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.renderers import worker
 from torchrender_service.renderers.asked import Asked, Rank, is_moving, rank_of
 from torchrender_service.renderers.jobs import (
-    JOB_ENCODER,
     Bounds,
-    Cancel,
     Describe,
     FindPixel,
     FogInPhoto,
@@ -37,7 +38,6 @@ from torchrender_service.renderers.jobs import (
     Render,
     Reply,
     SceneSource,
-    SentTask,
     Tradeoff,
     View,
     WarmUp,
@@ -46,6 +46,7 @@ from torchrender_service.renderers.processes import pauses as pauses_module
 from torchrender_service.renderers.processes import process as process_module
 from torchrender_service.renderers.processes import start as processes
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
+from torchrender_service.renderers.processes.messages import JOB_ENCODER, Cancel, SentTask, Task
 from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
@@ -56,7 +57,7 @@ from torchrender_service.renderers.worker import Needs, needs_of
 WORKER = """
 import os, struct, sys, threading, time
 import msgspec
-from torchrender_service.renderers.jobs import TASK_DECODER, Cancel, Failure, Reply
+from torchrender_service.renderers.processes.messages import TASK_DECODER, Cancel, Failure, Reply
 out, encode, head = os.fdopen(1, 'wb', buffering=0), msgspec.msgpack.Encoder().encode, struct.Struct('<Q')
 def send(reply):
     data = encode(reply); out.write(head.pack(len(data)) + data)
@@ -475,6 +476,23 @@ def test_a_task_that_nobody_wants_waits_for_nothing_ahead_of_it() -> None:
     worker_thread.join(10.0)
     never.set()
     assert done == [(1, True)]
+
+
+def test_a_renderer_whose_server_is_gone_ends_with_one_line() -> None:
+    command = [sys.executable, "-m", "torchrender_service.renderers.worker"]
+    environment = os.environ | {"PYTHONWARNINGS": "ignore"}
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, env=environment) as renderer:
+        assert renderer.stdin is not None and renderer.stdout is not None and renderer.stderr is not None
+        size = struct.unpack("<Q", renderer.stdout.read(8))[0]
+        assert msgspec.msgpack.decode(renderer.stdout.read(size))["result"] == {"ready": True}
+        renderer.stdout.close()
+        data = JOB_ENCODER.encode(Task(serial=1, job=Tradeoff(name="soft_shadow")))
+        renderer.stdin.write(struct.pack("<Q", len(data)) + data)
+        renderer.stdin.flush()
+        assert renderer.wait(60) == 1
+        (line,) = renderer.stderr.read().splitlines()
+    assert json.loads(line)["message"] == "the server is gone: its renderer ends"
 
 
 def test_the_scene_of_a_task_is_known_without_reading_all_of_it() -> None:

@@ -6,6 +6,8 @@ import asyncio
 import gc
 import json
 import logging
+import subprocess
+import sys
 
 import pytest
 
@@ -108,6 +110,39 @@ def test_logs_are_json_without_secrets():
     values = json.loads(line)
     assert values["message"] == "Authorization: Bearer ***"
     assert "s3cr3t" not in line and "abcDEF" not in line
+
+
+WARNS = """
+import logging, threading, warnings
+from torchrender.errors import ViewWarning
+from torchrender_service.logs import heard, hearing, set_up_logs
+set_up_logs("warning")
+assert heard() == []
+for scene in ("room", "room", "box"):
+    with hearing(scene):
+        for _ in range(2):
+            warnings.warn("camera 0 sees 100 % of nothing", ViewWarning)
+        with hearing("other"):
+            warnings.warn("of another job", ViewWarning)
+        aside = threading.Thread(target=warnings.warn, args=("of another thread", ViewWarning))
+        aside.start(); aside.join()
+        warnings.warn("not ours", DeprecationWarning)
+        assert heard() == ["camera 0 sees 100 % of nothing"] and heard(ViewWarning) == [], heard()
+"""
+
+
+def test_warnings_are_lines_of_the_log_and_told_to_whoever_asked() -> None:
+    done = subprocess.run([sys.executable, "-c", WARNS], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in done.stderr.splitlines()]
+    assert all(line["logger"] == "torchrender_service.logs" and line["level"] == "warning" for line in lines)
+    found = [(line["message"], line.get("scene"), line["kind"]) for line in lines if line["kind"] == "ViewWarning"]
+    assert sorted(found, key=str) == sorted([
+        ("camera 0 sees 100 % of nothing", "room", "ViewWarning"),
+        ("camera 0 sees 100 % of nothing", "box", "ViewWarning"),
+        ("of another job", "other", "ViewWarning"),
+        ("of another thread", None, "ViewWarning"),
+    ], key=str)  # fmt: skip
 
 
 async def put_and_get() -> None:

@@ -23,17 +23,15 @@ from torchrender.scene.procedural.fog import with_fog
 from torchrender.wire.cameras import header_of
 from torchrender.wire.codec import display_bytes
 from torchrender_service.renderers.jobs import Bounds, MakeLayers, SmoothKeyframe
-from torchrender_service.renderers.streaming import carrying, stream_renderer
+from torchrender_service.renderers.streaming import carrying, stream_renderer, wishes
 from torchrender_service.renderers.streaming.carrying import LitViews
 from torchrender_service.renderers.streaming.stream_renderer import (
     ASIDE,
     MAX_REFINED,
-    MOVING_BUDGET_MS,
-    PACKING_SHARE,
-    STILL_FACTOR,
     STREAMED,
     StreamRenderer,
 )
+from torchrender_service.renderers.streaming.wishes import MOVING_BUDGET_MS, PACKING_SHARE, STILL_FACTOR
 from torchrender_service.renderers.viewing.appearance import wish_of
 
 
@@ -147,7 +145,7 @@ def test_a_new_session_shares_what_a_scene_has_but_no_reflections(monkeypatch) -
 
     monkeypatch.setattr(stream_renderer, "render_image", noting)
     renderer, scene = StreamRenderer(), mirror_scene()
-    monkeypatch.setattr(stream_renderer, "MOVING_BUDGET_MS", None)  # which might rule reuse out
+    monkeypatch.setattr(wishes, "MOVING_BUDGET_MS", None)  # which might rule reuse out
     monkeypatch.setattr(stream_renderer, "carried_picture", lambda *_, **__: None)  # all are made anew
     wish = {"bounds": Bounds(), "camera": header_of(looking(48))}
     for number, session in enumerate(("one", "one", "one", "two")):

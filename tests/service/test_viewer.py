@@ -135,6 +135,17 @@ def test_points_meshes_and_lights_are_added(view: View, client: StreamClient) ->
         view.add("a word")
 
 
+def test_materials_are_added_with_what_has_them(view: View) -> None:
+    view.scene = small_scene()
+    gold = tr.Material(name="gold", diffuse=(0.9, 0.7, 0.2))
+    view.add(tr.Mesh.box(0.2, (1.0, 0.1, 0.0), material=2, name="bar"), gold)
+    assert [m.name for m in view.scene.materials] == ["red", "grey", "gold"]
+    assert view.scene.materials[view.scene.mesh("bar").material] is gold
+    with pytest.raises(InputError, match=r"material must be in \[0, 2\], got 3"):
+        view.add(tr.Mesh.box(0.2, (1.0, 0.4, 0.0), material=3))
+    assert len(view.scene.meshes) == 3, "what cannot be added changes nothing"
+
+
 def test_mistakes_are_named(view: View) -> None:
     view.scene = small_scene()
     with pytest.raises(InputError, match=r"vertices must have shape"):
@@ -152,7 +163,7 @@ def test_mistakes_are_named(view: View) -> None:
         view.camera = word
     with pytest.raises(InputError, match="camera must be Cameras"):
         view.pick(3, 4, word)
-    with pytest.raises(InputError, match="a view shows meshes, point clouds and lights, not str"):
+    with pytest.raises(InputError, match="a view shows meshes, point clouds, lights and materials, not str"):
         view.add(word)
     before = view.scene
     with pytest.raises(InputError, match="a view shows a Scene, not NoneType"):

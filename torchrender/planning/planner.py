@@ -65,6 +65,13 @@ def check_names(options: RenderOptions) -> None:
             raise InputError(f"no pass makes a buffer {name!r}; known buffers: {', '.join(known)}")
 
 
+def wishes_about(
+    cameras: Cameras, budget_ms: float | None, max_error: float | None
+) -> tuple[float | None, float | None]:
+    """What is to be met by a picture of these cameras: no pictures have no error and take no time to choose by."""
+    return (budget_ms, max_error) if len(cameras) else (None, None)
+
+
 def make_plan(
     knowledge: Knowledge,
     options: RenderOptions,
@@ -251,4 +258,4 @@ def plan(
     options = options_of(options, RenderOptions)
     check_names(options)
     knowledge = Knowledge.of(scene, camera, options, history, curves or load_curves())
-    return make_plan(knowledge, options, budget_ms, max_error)
+    return make_plan(knowledge, options, *wishes_about(camera, budget_ms, max_error))

@@ -17,17 +17,18 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import header_of
 from torchrender_service.errors import out_of_memory
+from torchrender_service.logs import heard
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.keeping.lasting import LastingParts
-from torchrender_service.renderers.pictures import make_container, render_picture, reproject_picture
+from torchrender_service.renderers.pictures import check_keyframes, make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe, scene_at
 from torchrender_service.renderers.streaming.ahead import FIRST_SIZE, first_keyframe, shared_parts
 from torchrender_service.renderers.streaming.stream_renderer import STREAM, StreamRenderer
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.viewing.picking import find_pixel
 from torchrender_service.renderers.viewing.survey import survey
-from torchrender_service.renderers.views import camera_of_view
+from torchrender_service.renderers.views import camera_of_view, first_camera
 
 if TYPE_CHECKING:
     from torchrender_service.renderers.photos.fog import FogPhotos
@@ -138,6 +139,8 @@ class JobRunner:
             return validate(job, self._texture_bytes)
         if isinstance(job, jobs.Reproject):
             return reproject_picture(job)
+        if isinstance(job, jobs.CheckKeyframes):
+            return check_keyframes(job)
         if isinstance(job, jobs.Tradeoff):
             return tradeoff(job.name)
         if isinstance(job, jobs.MakeLayers):
@@ -167,17 +170,19 @@ class JobRunner:
             return survey(scene)
         if isinstance(job, jobs.FindPixel):
             return find_pixel(scene, job)
-        camera = camera_of_view(scene, job.view)
+        camera = first_camera(scene, job.view)
         if camera.orthographic:
             raise CameraError("streams need a perspective camera")
         return {"camera": msgspec.to_builtins(header_of(camera))}
 
     def _run_at_a_time(self, scene: Scene, job: jobs.Render | jobs.DepthImages | jobs.Plan) -> dict[str, Any]:
+        if isinstance(job, jobs.Plan):
+            return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
         if isinstance(job, jobs.Render):
-            return render_picture(scene, job, self._lasting)
-        if isinstance(job, jobs.DepthImages):
-            return make_container(scene, job)
-        return plan_image(scene, camera_of_view(scene, job.view), job.bounds)
+            made = render_picture(scene, job, self._lasting)
+        else:
+            made = make_container(scene, job)
+        return {**made, "warnings": heard()}
 
     def _run_on_photo(self, job: jobs.PhotoJob) -> dict[str, Any]:
         if self._photos is None:

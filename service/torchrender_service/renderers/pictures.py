@@ -27,7 +27,7 @@ from torchrender.wire.codec import display_bytes
 from torchrender.wire.containers import depth_images_of, read_container
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.engine import render_image
-from torchrender_service.renderers.jobs import DepthImages, Render, Reproject
+from torchrender_service.renderers.jobs import CheckKeyframes, DepthImages, Render, Reproject
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.keyframes import Stamp, first_message, layer_message
 from torchrender_service.renderers.streaming.layers import Layer
@@ -100,6 +100,17 @@ def _cameras(scene: Scene, job: DepthImages) -> Cameras:
     if cameras.orthographic:
         raise ServiceError(422, "invalid-value", "depth images need perspective cameras")
     return viewpoints_around(scene, cameras, job.around, spread=job.spread) if job.around > 1 else cameras
+
+
+def check_keyframes(job: CheckKeyframes) -> dict[str, Any]:
+    """Whether a container can be reprojected: all of it is decoded, as :func:`reproject_picture` does.
+
+    Raises:
+        ProtocolError: no container, cut off, more or larger pictures than allowed, or of several sizes.
+        CodecError: damaged pictures. CameraError: a camera that is not usable.
+    """
+    images = read_container(job.container, max_pixels=job.max_pixels, max_images=job.max_images)
+    return {"images": len(depth_images_of(images))}
 
 
 def reproject_picture(job: Reproject) -> dict[str, Any]:

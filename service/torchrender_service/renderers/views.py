@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
+
+import torch
 
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -22,6 +25,32 @@ def camera_of_view(scene: Scene, view: View) -> Cameras:
     if view.look_at is not None:
         return _looking(scene, view, view.look_at)
     return scene.camera(_whole_name(scene, view.name), width=view.width, height=view.height)
+
+
+NARROWEST = 5 / 6
+"""Width over height of a view from which on a narrower one shows no less from side to side: phones are held upright."""
+
+
+def first_camera(scene: Scene, view: View) -> Cameras:
+    """The camera that a stream begins with: as :func:`camera_of_view`, but no window shows less from side to side than
+    one of the shape ``NARROWEST`` does, or than the scene's own camera where that is narrower.
+
+    Raises:
+        InputError: as :func:`camera_of_view`.
+    """
+    camera = camera_of_view(scene, view)
+    name = _whole_name(scene, view.name)
+    if view.pose is not None or view.look_at is not None or not scene.cameras or camera.orthographic:
+        return camera  # framed as it is
+    own = scene.cameras[name] if name is not None else next(iter(scene.cameras.values()))
+    share = view.width / view.height / min(own.width / own.height, NARROWEST)
+    if share >= 1.0:
+        return camera
+    k = camera.intrinsics.clone()
+    k[:, :2, :2] *= share
+    middle = 0.5 * torch.tensor([view.width, view.height], dtype=k.dtype)
+    k[:, :2, 2] = middle + (k[:, :2, 2] - middle) * share
+    return replace(camera, intrinsics=k)
 
 
 def _whole_name(scene: Scene, name: str | None) -> str | None:

@@ -22,30 +22,33 @@ import msgspec
 from torchrender.errors import SceneFileError, TorchRenderError
 from torchrender_service.errors import ServiceError, out_of_memory
 from torchrender_service.imports import lasting_imports
-from torchrender_service.renderers.jobs import (
+from torchrender_service.logs import hearing, set_up_logs
+from torchrender_service.renderers.jobs import Job, Locate, Render, SceneSource
+from torchrender_service.renderers.processes.desk import Cancelled, Desk
+from torchrender_service.renderers.processes.messages import (
     JOB_DECODER,
     REPLY_ENCODER,
     TASK_DECODER,
     Failure,
-    Job,
-    Locate,
-    Render,
     Reply,
-    SceneSource,
     SentTask,
 )
-from torchrender_service.renderers.processes.desk import Cancelled, Desk
 from torchrender_service.scheduling import give_way, go_on_when_alone
 
 if TYPE_CHECKING:
     from torchrender_service.renderers.job_runner import JobRunner
 
+LOG = logging.getLogger("torchrender_service.renderers.worker")
 LENGTH = struct.Struct("<Q")
 BEGUN, READY = "begun", "ready"
 """What a process says before its first job: that it may be stopped, and that it takes jobs."""
 _TEXT = 500
 NICENESS = 2
 """Renderers give way to the server, which has little to do but must do it at once."""
+
+
+class ServerGone(BaseException):
+    """Nobody reads replies any more. No ``Exception``: a job in whose midst another one was answered is no failure."""
 
 
 class Needs(msgspec.Struct):
@@ -71,6 +74,7 @@ def main() -> int:
     # Replies own the pipe; whatever else prints goes to the log.
     out = os.fdopen(os.dup(1), "wb", buffering=0)
     os.dup2(2, 1)
+    set_up_logs("warning")  # below that compilers write whole books
     go_on_when_alone()
     _send(out, REPLY_ENCODER.encode(Reply(result={BEGUN: True})))
     niceness = int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS)))
@@ -98,9 +102,13 @@ def main() -> int:
         return runner.ahead(needs.scene, parts=needs.type in (Locate.__name__, Render.__name__))
 
     desk = Desk(work, ahead)
-    _send(out, REPLY_ENCODER.encode(Reply(result={READY: True})))
-    threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
-    desk.run()
+    try:
+        _send(out, REPLY_ENCODER.encode(Reply(result={READY: True})))
+        threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
+        desk.run()
+    except ServerGone:
+        LOG.warning("the server is gone: its renderer ends")
+        os._exit(1)  # the thread that reads may still wait with standard input, which nobody could close in order
     return 0
 
 
@@ -119,8 +127,9 @@ def _reply(runner: JobRunner, desk: Desk, task: SentTask) -> tuple[Job | None, R
     try:
         if desk.cancelled(task):
             raise Cancelled
-        with threads(task.threads):
-            job = JOB_DECODER.decode(task.job)
+        job = JOB_DECODER.decode(task.job)
+        scene = getattr(job, "scene", None)
+        with threads(task.threads), hearing(scene.id if isinstance(scene, SceneSource) else ""):
             result = runner.run(job)
     except Cancelled:
         failure = Failure(status=499, kind="cancelled", detail="nobody waits for it")
@@ -162,7 +171,7 @@ def failure_of(error: Exception) -> Failure:
         return Failure(status=422, kind="invalid-value", detail=_plain(str(error)))
     if out_of_memory(error):
         return Failure(status=422, kind="too-large", detail="needs more memory than a renderer may take")
-    logging.getLogger("torchrender_service.renderers.worker").error("job failed\n%s", traceback.format_exc())
+    LOG.error("job failed\n%s", traceback.format_exc())
     return Failure(status=500, kind="internal", detail="the renderer met an error of its own; it is in the log")
 
 
@@ -193,8 +202,11 @@ def _limit_memory(megabytes: int) -> None:
 
 def _send(out: BinaryIO, data: bytes) -> None:
     view = memoryview(LENGTH.pack(len(data)) + data)
-    while view:
-        view = view[out.write(view) :]
+    try:
+        while view:
+            view = view[out.write(view) :]
+    except ConnectionError as error:
+        raise ServerGone from error
 
 
 def _receive(source: BinaryIO) -> bytes | None:

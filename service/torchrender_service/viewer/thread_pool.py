@@ -15,16 +15,15 @@ from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.asked import Asked, Rank, rank_of
 from torchrender_service.renderers.contract import RendererHandle, RendererPool
 from torchrender_service.renderers.job_runner import JobRunner
-from torchrender_service.renderers.jobs import (
+from torchrender_service.renderers.jobs import Forget, Job
+from torchrender_service.renderers.processes.desk import Cancelled
+from torchrender_service.renderers.processes.messages import (
     JOB_DECODER,
     JOB_ENCODER,
     REPLY_DECODER,
     REPLY_ENCODER,
-    Forget,
-    Job,
     Reply,
 )
-from torchrender_service.renderers.processes.desk import Cancelled
 from torchrender_service.renderers.worker import failure_of
 from torchrender_service.scheduling import give_way
 from torchrender_service.viewer.live_scenes import LiveScenes

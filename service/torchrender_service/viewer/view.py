@@ -26,7 +26,7 @@ from torchrender.points.cloud import PointCloud
 from torchrender.points.solids import point_mesh
 from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import DirectionalLight, PointLight, RectLight, SpotLight
+from torchrender.scene.light import Light
 from torchrender.scene.load import load
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
@@ -37,10 +37,8 @@ from torchrender_service.renderers.jobs import FindPixel, SceneSource
 from torchrender_service.renderers.viewing.picking import find_pixel
 from torchrender_service.viewer.live_server import LiveServer, live_server
 
-LIGHTS = (DirectionalLight, PointLight, RectLight, SpotLight)
-HEIGHT = 480
+HEIGHT = 480  # pixels of a notebook's frame
 MAX_PIXEL = 2**31
-"""Pixels of a notebook's frame."""
 SIZE = (640, 360)
 POLL_S = 0.01
 
@@ -161,11 +159,11 @@ class View:
         self._show(scene)
         return self
 
-    def add(self, *things: Mesh | PointCloud | Material | Any) -> View:
-        """Show more: meshes, point clouds (as small discs), lights.
+    def add(self, *things: Mesh | PointCloud | Material | Light) -> View:
+        """Show more: meshes, point clouds (as small discs), lights; materials, numbered on, as is that of each cloud.
 
         Raises:
-            InputError: something that is none of these.
+            InputError: something that is none of these, or a mesh of a material that there is not.
         """
         meshes, lights, materials = list(self._scene.meshes), list(self._scene.lights), list(self._scene.materials)
         for thing in things:
@@ -174,10 +172,12 @@ class View:
                 meshes.append(point_mesh(thing, material=len(materials) - 1))
             elif isinstance(thing, Mesh):
                 meshes.append(thing)
-            elif isinstance(thing, LIGHTS):
+            elif isinstance(thing, Material):
+                materials.append(thing)
+            elif isinstance(thing, Light):
                 lights.append(thing)
             else:
-                raise InputError(f"a view shows meshes, point clouds and lights, not {type(thing).__name__}")
+                raise InputError(f"a view shows meshes, point clouds, lights and materials, not {type(thing).__name__}")
         self._show(self._scene.replace(meshes=meshes, lights=lights, materials=materials))
         return self
 

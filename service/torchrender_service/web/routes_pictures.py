@@ -15,9 +15,18 @@ from torchrender.wire.messages import CONTENT_TYPE
 from torchrender_service.door.strict import StrictRoute
 from torchrender_service.errors import ServiceError
 from torchrender_service.problems import problems
-from torchrender_service.renderers.jobs import Bounds, DepthImages, Plan, Render, Reproject, Tradeoff, View
+from torchrender_service.renderers.jobs import (
+    Bounds,
+    CheckKeyframes,
+    DepthImages,
+    Plan,
+    Render,
+    Reproject,
+    Tradeoff,
+    View,
+)
 from torchrender_service.web.kept import count_keyframes, id_of
-from torchrender_service.web.negotiation import negotiate
+from torchrender_service.web.negotiation import negotiate, warning_headers
 from torchrender_service.web.schemas import (
     Budget,
     DepthImagesRequest,
@@ -39,6 +48,7 @@ router = APIRouter(prefix="/v1", tags=["pictures"], route_class=StrictRoute)
 PICTURES = {"image/png": "png", "image/x-exr": "exr", "application/x-npz": "npz"}
 REPROJECTIONS = {"image/png": "png", "application/x-npz": "npz"}
 MAX_PLAN_BYTES = 6000  # many clients and proxies take 8 KB of headers
+_WARNINGS = "what was hardly meant so, a JSON list; left out where there is nothing"
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _KEPT: dict[int | str, dict[str, Any]] = {200: {"description": "They are kept already.", "model": KeptKeyframes}}
 
@@ -56,7 +66,11 @@ def _file(description: str, types: Sequence[str], **headers: str) -> dict[str, A
     **_file(
         "The picture, as Accept asks: PNG (sRGB), EXR (radiance, depth, normals, ids) or NPZ (every buffer).",
         [*PICTURES],
-        **{"Torchrender-Plan": "what ran and why, JSON", "Server-Timing": "milliseconds of each pass"},
+        **{
+            "Torchrender-Plan": "what ran and why, JSON",
+            "Server-Timing": "milliseconds of each pass",
+            "Torchrender-Warnings": _WARNINGS,
+        },
     ),
 )
 async def render(request: Request, body: RenderRequest) -> Response:
@@ -73,6 +87,7 @@ async def render(request: Request, body: RenderRequest) -> Response:
     )
     made = await work(request, job)
     headers = {"Torchrender-Plan": _plan_header(made["plan"]), "Server-Timing": _timing(made["timings_ms"])}
+    headers |= warning_headers(made["warnings"])
     return Response(made["file"], media_type=media_type, headers=headers)
 
 
@@ -81,7 +96,7 @@ async def render(request: Request, body: RenderRequest) -> Response:
     **_file(
         "Keyframe messages one after the other, see PROTOCOL.md.",
         [CONTENT_TYPE],
-        **{"Torchrender-Keyframes": "id for POST /v1/reproject"},
+        **{"Torchrender-Keyframes": "id for POST /v1/reproject", "Torchrender-Warnings": _WARNINGS},
     ),
 )
 async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
@@ -111,7 +126,8 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
     made = await work(request, job)
     name = await asyncio.to_thread(id_of, made["container"])
     await state.kept.put(made["container"], name)
-    return Response(made["container"], media_type=CONTENT_TYPE, headers={"Torchrender-Keyframes": name})
+    headers = {"Torchrender-Keyframes": name} | warning_headers(made["warnings"])
+    return Response(made["container"], media_type=CONTENT_TYPE, headers=headers)
 
 
 @router.post(
@@ -122,8 +138,8 @@ async def depth_images(request: Request, body: DepthImagesRequest) -> Response:
     openapi_extra={"requestBody": {"required": True, "content": {CONTENT_TYPE: _BINARY}}},
 )
 async def keep_keyframes(request: Request, response: Response) -> dict[str, Any]:
-    """Keep depth images for POST /v1/reproject: keyframe messages one after the other, as they are. The oldest make
-    room for newer ones."""
+    """Keep depth images for POST /v1/reproject: keyframe messages one after the other, as they are. Damaged ones are
+    refused; the oldest make room for newer ones."""
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != CONTENT_TYPE:
         raise ServiceError(415, "media-type", f"Content-Type must be {CONTENT_TYPE}")
     state = state_of(request)
@@ -132,6 +148,8 @@ async def keep_keyframes(request: Request, response: Response) -> dict[str, Any]
         images = await asyncio.to_thread(count_keyframes, container, **limits)
         name = await asyncio.to_thread(id_of, container)
         there = await state.kept.has(name)
+        if not there:
+            await work(request, CheckKeyframes(container=container, **limits))
         await state.kept.put(container, name)
     if there:
         response.status_code = 200

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 
 from torchrender.clock import interruptible
-from torchrender_service.renderers.jobs import Cancel, SentTask
+from torchrender_service.renderers.processes.messages import Cancel, SentTask
 
 SWITCH_S = 0.0005
 """Of two threads that both want the interpreter each has it so long: a keyframe takes it back some hundred times."""

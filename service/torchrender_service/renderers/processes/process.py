@@ -17,7 +17,8 @@ from typing import Any
 from torchrender_service.errors import ServiceError
 from torchrender_service.metrics import Metrics
 from torchrender_service.renderers.asked import Asked, Rank, is_moving, rank_of
-from torchrender_service.renderers.jobs import REPLY_DECODER, Cancel, Forget, Job, Reply, SceneSource, Task
+from torchrender_service.renderers.jobs import Forget, Job, SceneSource
+from torchrender_service.renderers.processes.messages import REPLY_DECODER, Cancel, Reply, Task
 from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.schedule import RETRY_S, FairQueue, Waiting, fail, more_urgent
 from torchrender_service.renderers.processes.start import (

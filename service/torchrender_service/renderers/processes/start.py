@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from torchrender_service.errors import ServiceError
-from torchrender_service.renderers.jobs import JOB_ENCODER, REPLY_DECODER, Cancel, Task, WarmUp
+from torchrender_service.renderers.jobs import WarmUp
+from torchrender_service.renderers.processes.messages import JOB_ENCODER, REPLY_DECODER, Cancel, Task
 from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.schedule import RETRY_S
 from torchrender_service.renderers.worker import BEGUN, LENGTH, READY

@@ -10,12 +10,14 @@ from typing import Any
 import torch
 
 from torchrender.effects.upsampling.outlines import smooth_outlines
+from torchrender.errors import ExposureWarning
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept, RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import cameras_of
+from torchrender_service.logs import heard
 from torchrender_service.renderers.engine import render_image
 from torchrender_service.renderers.jobs import BITS_STILL, Bounds, MakeKeyframe, MakeLayers, SmoothKeyframe
 from torchrender_service.renderers.keeping.lasting import LastingParts
@@ -33,6 +35,7 @@ from torchrender_service.renderers.streaming.layers import (
 )
 from torchrender_service.renderers.streaming.quick import as_bright, quickest
 from torchrender_service.renderers.streaming.session import ASIDE, Begun, Made, Refinement, SessionState
+from torchrender_service.renderers.streaming.wishes import in_words_of, picture_bounds
 from torchrender_service.renderers.viewing.appearance import brightest, options_of, wish_of
 
 MAX_SESSIONS = 256
@@ -40,13 +43,6 @@ MAX_BYTES = 2**31
 """Of what is kept, where nothing else is said."""
 STREAM = "stream"
 """The use whose pace streams share."""
-MOVING_BUDGET_MS = 95.0
-"""Time for a moving keyframe where the session asks for no other: eight of them a second leave 30 ms for what is not
-done beside."""
-STILL_FACTOR = 4.0
-"""A refinement may take this many times the budget."""
-PACKING_SHARE = 0.5
-"""Of the budget, at most, that is kept free for making messages."""
 STREAMED = RenderOptions(upscaling="joint", fixed=(resample.PASS.name,))
 """The depth of all pixels is sent anyway, and colours must not stick to the wrong surface when the view moves."""
 SELDOM = 8
@@ -84,8 +80,10 @@ class StreamRenderer:
         scene_s = None if job.scene_s is None else scene.looped(job.scene_s)
         scene = state.as_wished(scene if scene_s is None else scene.at(scene_s), wish_of(job))
         camera = cameras_of(job.camera)
-        bounds = _bounds(job, state.packing_ms)
+        bounds = picture_bounds(job, state.packing_ms)
         made = self._picture(scene, camera, state, job, bounds)
+        doubts = heard(ExposureWarning)  # the exposure is part of the message
+        made = replace(made, plan=in_words_of(job, made.plan) | ({"warnings": doubts} if doubts else {}))
         image, past = made.image, made.history
         render_ms = 1e3 * (time.perf_counter() - begin)
         depth = image.visibility.depth[0]
@@ -295,17 +293,3 @@ class StreamRenderer:
 
 def _is_shared(kept: Kept) -> bool:
     return kept.buffer.lasting is not None and kept.buffer.lasting.shared
-
-
-def _bounds(job: MakeKeyframe, packing_ms: float) -> Bounds:
-    """What the picture of layer 0 may cost, which then takes ``packing_ms`` to become a message.
-
-    A bound of the error holds at rest; while the view moves, as far as there is time for it.
-    """
-    budget, error = job.bounds.budget_ms, job.bounds.max_error
-    if budget is None and not job.still:
-        budget = MOVING_BUDGET_MS
-    if budget is not None:
-        budget *= STILL_FACTOR if job.still else 1.0
-        budget -= min(packing_ms, PACKING_SHARE * budget)
-    return Bounds(budget_ms=budget, max_error=error)

@@ -43,6 +43,7 @@ let addressTimer = 0;
 let wallsTimer = 0;
 let tellTimer = 0;
 let revision = 0; // of the scene
+let told = new Set(); // doubts about the scene that were said
 
 function say(text) {
   $("message").hidden = !text;
@@ -120,8 +121,14 @@ function onState(state, detail) {
   if (state === "failed" && detail.status === 404 && !scenes) return; // the list of scenes will tell another one
   panel.showState(state, detail);
   if (state === "failed" && detail.status === 401) askKey(restart);
-  else if (state === "failed") say(detail.message);
+  else if (state === "failed") say(detail.status === 404 ? goneText() : detail.message);
   else if (state === "live") say("");
+}
+
+/** The scene that is shown is no longer there: an id of 64 digits would tell nobody which. */
+function goneText() {
+  const { name } = scenes.find((one) => one.id === scene) ?? {};
+  return name ? `The scene ${name.replaceAll("_", " ")} was deleted.` : "There is no such scene.";
 }
 
 function askKey(then) {
@@ -160,6 +167,7 @@ function onScene(facts, first) {
   panel.showScene(facts);
   upload.showScene(facts.id);
   if (!first) return;
+  told = new Set();
   if (["walk", "orbit"].includes(words.controls)) client.walker.setMode(words.controls);
   else if (words.controls) settings.ignore("controls", words);
   delete words.controls;
@@ -193,9 +201,18 @@ function onRefused({ title, detail }) {
   if (lost) noteSoon();
 }
 
+/** What the renderer doubts about a scene, once each, where nothing else is being said; the panel has it all the time. */
+function tellDoubts(doubts) {
+  const fresh = doubts.filter((doubt) => !told.has(doubt));
+  if (!fresh.length || !$("notice").hidden) return;
+  for (const doubt of fresh) told.add(doubt);
+  tell(fresh.join(" · "));
+}
+
 /** A scene that its program changes has other walls, once it rests. */
 function onPicture(header) {
   panel.showPlan(header);
+  tellDoubts(header.plan?.warnings ?? []);
   const now = header.revision ?? 0;
   if (now === revision) return;
   revision = now;

@@ -64,7 +64,7 @@ export class Panel {
     if (!plan) return;
     const rows = plan.rows ?? [];
     $("plan-kind").textContent = KINDS[!header.still ? 0 : header.samples > 1 ? 2 : 1];
-    $("plan-statement").textContent = plan.statement ?? "";
+    $("plan-statement").textContent = [plan.statement, ...(plan.warnings ?? [])].filter(Boolean).join(" · ");
     $("plan").replaceChildren(...rows.map((row) => this.planRow(row)));
     $("plan").append(this.planRow({ pass: "together", runs: true, ...plan, reason: "", settings: "" }));
     const carried = rows.some((row) => row.pass === "carried_light" && row.runs); // light of earlier pictures
@@ -72,7 +72,9 @@ export class Panel {
       const own = rows.filter((row) => passes.includes(row.pass));
       const run = own.filter((row) => row.runs);
       const cost = run.reduce((sum, row) => sum + (row.measured_ms ?? row.predicted_ms ?? 0), 0);
-      $(`cost-${effect}`).textContent = run.length ? ms(cost) : carried && $(`effect-${effect}`).checked ? "carried" : "nothing";
+      const { checked } = $(`effect-${effect}`);
+      const ran = checked ? ms(cost) : `for others ${ms(cost)}`; // such as the shading of what the surroundings light
+      $(`cost-${effect}`).textContent = run.length ? ran : carried && checked ? "carried" : "nothing";
       $(`cost-${effect}`).title = own.map((row) => `${row.pass.replaceAll("_", " ")}: ${row.reason}`).join("\n");
     }
   }

@@ -6,6 +6,8 @@ const ERROR = [0.002, 0.3]; // FLIP
 const EV = 10; // steps of the slider to one stop
 const EFFECTS = ["lights", "shadows", "ambient", "reflections", "transparency", "media"];
 
+/** Two digits, but no powers of ten. */
+const short = (value) => (value < 10 ? value.toPrecision(2) : String(Math.round(value)));
 const densityOf = (place) => (place === 0 ? 0 : 100 ** (place / 50 - 1)); // 0, then 0.01 to 100, 1 in the middle
 const onScale = ([low, high], share) => low * (high / low) ** share;
 const shareOf = ([low, high], value) => Math.log(value / low) / Math.log(high / low);
@@ -197,7 +199,7 @@ export class Settings {
     $("bound-value").textContent = error ? value.toPrecision(2) : `${Math.round(value)} ms`;
     $("layers-value").textContent = $("layers").value;
     $("enhance-value").textContent = `${$("enhance").value} %`;
-    $("density-value").textContent = `${densityOf(Number($("density").value)).toPrecision(2)} ×`;
+    $("density-value").textContent = `${short(densityOf(Number($("density").value)))} ×`;
     $("asymmetry-value").textContent = this.touched.has("asymmetry") ? (Number($("asymmetry").value) / 100).toFixed(2) : "own";
     if (this.ev !== null) this.showExposure(this.ev);
   }
