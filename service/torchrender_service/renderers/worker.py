@@ -76,6 +76,15 @@ def main() -> int:
     os.dup2(2, 1)
     set_up_logs("warning")  # below that compilers write whole books
     go_on_when_alone()
+    try:
+        _serve(out)
+    except ServerGone:
+        LOG.warning("the server is gone: its renderer ends")
+        os._exit(1)  # the thread that reads may still wait with standard input, which nobody could close in order
+    return 0
+
+
+def _serve(out: BinaryIO) -> None:
     _send(out, REPLY_ENCODER.encode(Reply(result={BEGUN: True})))
     niceness = int(os.environ.get("TORCHRENDER_RENDERER_NICENESS", str(NICENESS)))
     if niceness > NICENESS:
@@ -102,14 +111,9 @@ def main() -> int:
         return runner.ahead(needs.scene, parts=needs.type in (Locate.__name__, Render.__name__))
 
     desk = Desk(work, ahead)
-    try:
-        _send(out, REPLY_ENCODER.encode(Reply(result={READY: True})))
-        threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
-        desk.run()
-    except ServerGone:
-        LOG.warning("the server is gone: its renderer ends")
-        os._exit(1)  # the thread that reads may still wait with standard input, which nobody could close in order
-    return 0
+    _send(out, REPLY_ENCODER.encode(Reply(result={READY: True})))
+    threading.Thread(target=_read_tasks, args=(sys.stdin.buffer, desk), daemon=True).start()
+    desk.run()
 
 
 def _read_tasks(source: BinaryIO, desk: Desk) -> None:

@@ -204,7 +204,7 @@ def _changed(frame: Frame, visible: Tensor, change: Tensor) -> float:
 
 
 def _whiteness(frame: Frame, radiance: Tensor, visible: Tensor, side: int) -> Tensor:
-    """Surfaces as white as the light they send allows, half white at most, as those are that next to none arrives at."""
+    """Surfaces as white as the light they send allows, and half white at most, as where next to none arrives."""
     told = radiance.mean(dim=-1) / (sum(_from_around(frame.scene)) * visible).clamp_min(1e-6)
     hidden = (visible < HIDDEN) & few(frame[GBUFFER].covered, side)
     return torch.where(hidden, HALF_WHITE, told).clamp_max(HALF_WHITE)
