@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -180,20 +180,21 @@ def _darkened(frame: Frame, known: AmbientReach | None) -> float:
     scene, gbuffer, radiance = frame.scene, frame[GBUFFER], few(frame[DIRECT_LIGHT], SIDE).detach().float()
     sky, fill = _from_around(scene)
     reach = reach_of(scene, frame.options.ambient)
-    parts = [(light, depth_visibility(gbuffer, far)) for light, far in ((sky, math.inf), (fill, reach)) if light]
-    if not parts:
+    lights, reaches = zip(*[one for one in ((sky, math.inf), (fill, reach)) if one[0]] or [(0.0, 0.0)], strict=True)
+    if not any(lights):
         return 0.0
     visible = None if known is None else few(known.visibility, SIDE)
     white = _whiteness(frame, radiance, torch.ones(()) if visible is None else visible, SIDE)
     whole = radiance if visible is None else radiance + ((sky + fill) * (1.0 - visible) * white)[..., None]
 
-    def lost(*hidden: tuple[float, Tensor]) -> float:
-        less = torch.stack([light * (1.0 - share) for light, share in hidden]).sum(dim=0) * white
+    def lost(shares: Sequence[Tensor]) -> float:
+        hidden = [light * (1.0 - share) for light, share in zip(lights, shares, strict=True)]
+        less = torch.stack(hidden).sum(dim=0) * white
         return difference(frame, whole, (whole - less[..., None]).clamp_min(0.0))
 
-    found = BEYOND * lost(*parts)
-    around = eye_visibility(scene, gbuffer, frame.spare_ms) if sky else None
-    return found if around is None else max(found, lost((sky, around)))
+    found = BEYOND * lost([depth_visibility(gbuffer, far) for far in reaches])
+    around = eye_visibility(scene, gbuffer, frame.spare_ms, reaches)
+    return found if around is None else max(found, lost(around))
 
 
 def _changed(frame: Frame, visible: Tensor, change: Tensor) -> float:

@@ -7,6 +7,7 @@ better, but none has.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -62,33 +63,46 @@ def depth_visibility(gbuffer: GBuffer, reach: float = math.inf) -> Tensor:
     return torch.where(covered, 1.0 - highest.square().mean(dim=1), 1.0)
 
 
-def eye_visibility(scene: Scene, gbuffer: GBuffer, spare_ms: float) -> Tensor | None:
-    """Cosine-weighted share (B,h,w) of the hemisphere over a few pixels that nothing hides from the eye, either.
+def eye_visibility(
+    scene: Scene, gbuffer: GBuffer, spare_ms: float, reaches: Sequence[float] = (math.inf,)
+) -> list[Tensor] | None:
+    """Cosine-weighted shares (B,h,w) of the hemisphere over a few pixels that nothing hides from the eye, either.
 
     What stands around the eye stands around what it sees: a closed room has no sky, whatever part of it is in the
     picture. What is nearer to the eye than half of a pixel's distance hides as much less of it as it looks smaller
     from there. None: parallel views, which have no eye, several cameras, or not time enough.
+
+    Args:
+        reaches: scene units from a pixel within which something hides; a share for each.
     """
     cameras = gbuffer.cameras
     dear = FIRST_MS + TRIANGLE_MS * scene.geometry.triangle_count > spare_ms
     if cameras.orthographic or dear or not 0 < len(cameras) <= MOST_EYES:
         return None
-    return torch.stack([_around_eye(scene, gbuffer, k) for k in range(len(cameras))])
+    found = [_around_eye(scene, gbuffer, k, reaches) for k in range(len(cameras))]
+    return [torch.stack(shares) for shares in zip(*found, strict=True)]
 
 
-def _around_eye(scene: Scene, gbuffer: GBuffer, k: int) -> Tensor:
+def _around_eye(scene: Scene, gbuffer: GBuffer, k: int, reaches: Sequence[float]) -> list[Tensor]:
     camera = gbuffer.cameras[k]
     place, normal, covered = (few(i[k : k + 1], SIDE)[0] for i in (gbuffer.position, gbuffer.normal, gbuffer.covered))
     depth = rasterize_visibility(scene.geometry, cube_cameras(camera, TEXELS)).depth.reshape(-1)
     way, solid = _texels()
     world = way @ camera.rotation[0].float()
     far = depth * way.abs().amax(dim=-1).reciprocal()  # along unit directions
-    distance = (place - camera.eye[0]).float().norm(dim=-1).reshape(-1, 1)
+    seen = (place - camera.eye[0]).float().reshape(-1, 3)
+    distance = seen.norm(dim=-1, keepdim=True)
     facing = (normal.reshape(-1, 3) @ world.T).clamp_min(0.0) * solid
     smaller = (2.0 * far / distance.clamp_min(1e-30)).clamp_max(1.0).square()
-    hidden = torch.where(torch.isfinite(far), smaller, 0.0)
-    share = (facing * hidden).sum(dim=-1) / facing.sum(dim=-1).clamp_min(1e-6)
-    return torch.where(covered, 1.0 - share.reshape(covered.shape), 1.0)
+    whole = facing.sum(dim=-1).clamp_min(1e-6)
+    shares = []
+    for reach in reaches:
+        hides = torch.isfinite(far)
+        if math.isfinite(reach):
+            hides = hides & (torch.cdist(seen, torch.where(hides, far, 0.0)[:, None] * world) <= reach)
+        share = (facing * torch.where(hides, smaller, 0.0)).sum(dim=-1) / whole
+        shares.append(torch.where(covered, 1.0 - share.reshape(covered.shape), 1.0))
+    return shares
 
 
 def _texels() -> tuple[Tensor, Tensor]:
