@@ -238,10 +238,9 @@ class Run:
 
     @property
     def _looks(self) -> bool:
-        """It is time to sense: a search was made, or many pictures stood by it, or the view has leapt elsewhere."""
+        """It is time to sense: a search was made, or many pictures stood by it."""
         stood = [search.pictures for search in self.searches]
-        leaps = self.knowledge.outlook.history.leaps_to(self.knowledge.outlook.cameras)
-        return leaps or all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
+        return all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
 
     @property
     def _stands(self) -> bool:

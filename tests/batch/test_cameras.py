@@ -137,6 +137,8 @@ def test_a_grid_looks_four_ways_from_each_cell() -> None:
     torch.testing.assert_close(ahead @ ahead.T, turned, atol=1e-9, rtol=0)
     with pytest.raises(InputError, match="at least one cell"):
         grid_cameras(scene, (2, 0, 3), width=8, height=8)
+    with pytest.raises(InputError, match=f"a grid of 999x999x999 cells has {4 * 999**3} cameras, a batch at most"):
+        grid_cameras(scene, (999, 999, 999), width=8, height=8)
 
 
 def test_rows_of_a_pipeline_are_rendered() -> None:

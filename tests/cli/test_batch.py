@@ -56,6 +56,7 @@ def test_a_film_is_put_together(inside, tmp_path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [(("--grid", "2x2"), "--grid must look like"), (("--orbit", 0), "--orbit must be >= 1"),
+     (("--orbit", 999999999), "--orbit has 999999999 cameras, a batch at most 250000"),
      (("--orbit", 2, "--what", "noise"), "what"), (("--orbit", 2, "--outputs", "depth"), "without --what depth"),
      (("--orbit", 2, "--fps", 9), "nothing without --what film"), (("--orbit", 2, "--frames", 9), "without --path"),
      (("--orbit", 2, "--what", "depth", "--outputs", "noise"), "outputs must be"),

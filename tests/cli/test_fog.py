@@ -51,6 +51,7 @@ def test_marks_in_picture_out(files, tmp_path: Path, capsys) -> None:
         (["--stereo", "P", "P"], "needs --baseline"),
         (["--marks", "M", "--baseline", "1"], "goes with --stereo"),
         (["--depth", "none.npy"], "no such file"),
+        (["--marks", "M", "--write-transmittance", "O"], "need files of their own, got o.png twice"),
         (["--depth", "D", "--depth-unit", "-1"], "--depth-unit must be in"),
     ],
 )
@@ -58,6 +59,7 @@ def test_wrong_words_are_named(files, tmp_path: Path, capsys, words: list[str], 
     photo, marks = files
     depth = tmp_path / "depth.npy"
     np.save(depth, np.ones((60, 80), np.float32))
-    words = [{"M": str(marks), "P": str(photo), "D": str(depth)}.get(w, w) for w in words]
+    names = {"M": str(marks), "P": str(photo), "D": str(depth), "O": str(tmp_path / "o.png")}
+    words = [names.get(w, w) for w in words]
     assert main(["fog", str(photo), "-o", str(tmp_path / "o.png"), *words])
     assert text in capsys.readouterr().err

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from point_scenes import joined, random_cloud, sheet_cloud, sphere_cloud
+from torchrender.errors import InputError
 from torchrender.points.cloud import PointCloud
 from torchrender.points.codec import compress
 from torchrender.points.draw import render_points
@@ -231,3 +232,11 @@ def test_no_point_makes_a_nan(data):
         two_sided=data.draw(st.booleans()),
     )
     check(render_points(build_patches(cloud), CAMERA, options))
+
+
+@pytest.mark.parametrize("value", [2.0, -0.5])
+def test_opacities_outside_their_range_are_refused(value):
+    with pytest.raises(InputError, match=r"opacity must lie in \[0, 1\]"):
+        PointCloud(position=torch.zeros(2, 3).double(), opacity=torch.tensor([0.5, value]))
+    near = PointCloud(position=torch.zeros(1, 3).double(), opacity=torch.tensor([1.00001]))
+    assert near.opacity is not None and float(near.opacity) == 1.0

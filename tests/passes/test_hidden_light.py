@@ -13,7 +13,8 @@ from torchrender.effects.ambient.traced import traced_ambient
 from torchrender.passes.light.hidden_light import DISTANCES, SIDE, depth_visibility, eye_visibility
 from torchrender.passes.senses import few, roughly
 from torchrender.pipeline.history import RenderHistory
-from torchrender.planning.costs import sense_of
+from torchrender.planning.costs import Knowledge, sense_of
+from torchrender.planning.curves import load_curves
 from torchrender.quality.metrics import flip
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
@@ -161,3 +162,17 @@ def test_what_a_budget_leaves_out_comes_back_inside(make) -> None:
         history = tr.render(scene, view, options=off, budget_ms=NO_LIMIT, history=history).history
         known.append(history.pace.known[sense_of(roughly("ambient_visibility"))])
     assert known[1] > 5 * max(known[0], 0.01) and known[2] > 0.1
+
+
+def test_a_budget_knows_nothing_of_a_view_that_leaps() -> None:
+    """What an eye outside sensed is forgotten, and what was chosen by it: the picture inside is as one alone."""
+    scene, history = room(), RenderHistory()
+    for view in (outside(), outside()):
+        history = tr.render(scene, view, budget_ms=2e3, history=history).history
+    assert sense_of(roughly("ambient_visibility")) in history.pace.known and history.pace.search is not None
+    known = Knowledge.of(scene, inside(), tr.RenderOptions(), history, load_curves())
+    assert not any(name.startswith(sense_of("")) for name in known.pace.known) and known.pace.search is None
+    near = Knowledge.of(scene, outside(), tr.RenderOptions(), history, load_curves())
+    assert near.pace is history.pace
+    image = tr.render(scene, inside(), budget_ms=2e3, history=history)
+    assert flip_of(image, scene) < 0.05

@@ -44,6 +44,20 @@ PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE")
 GRID_TURNS = ("east", "north", "west", "south")
 
 
+MOST_CAMERAS = 250_000
+"""Of one batch: their names and poses are in memory, and written into its manifest."""
+
+
+def check_count(count: int, what: str) -> None:
+    """Refuse more cameras than a batch may have.
+
+    Raises:
+        InputError: names ``what`` has so many, and the limit.
+    """
+    if count > MOST_CAMERAS:
+        raise InputError(f"{what} has {count} cameras, a batch at most {MOST_CAMERAS}")
+
+
 @dataclass(frozen=True, eq=False)
 class CameraRows:
     """Cameras with their names, and the rows that are none."""
@@ -100,10 +114,11 @@ def grid_cameras(scene: Scene, cells: tuple[int, int, int], *, width: int, heigh
     """Four views, a quarter turn apart, from the middle of each cell of a grid through the scene's box.
 
     Raises:
-        InputError: a cell count below 1, or a scene without extent.
+        InputError: a cell count below 1, more than ``MOST_CAMERAS`` cameras, or a scene without extent.
     """
     if min(cells) < 1:
         raise InputError(f"a grid has at least one cell each way, got {'x'.join(map(str, cells))}")
+    check_count(len(GRID_TURNS) * math.prod(cells), f"a grid of {'x'.join(map(str, cells))} cells")
     low, high = (corner.tolist() for corner in scene.bounds)
     far = scene.diagonal
     if not far > 0:

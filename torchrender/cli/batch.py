@@ -118,12 +118,13 @@ def _check_together(arguments: argparse.Namespace) -> None:
 
 
 def _cameras(arguments: argparse.Namespace) -> CameraRows:
-    from torchrender.batch.cameras import CameraRows, grid_cameras, read_cameras
+    from torchrender.batch.cameras import CameraRows, check_count, grid_cameras, read_cameras
     from torchrender.scene.cameras.path import built_in_path, load_path
 
     for name in ("orbit", "frames"):
         if (count := getattr(arguments, name)) is not None and count < 1:
             raise OptionError(f"--{name} must be >= 1, got {count}")
+        check_count(count or 0, f"--{name}")
     width, height = image_size(arguments.size)
     if arguments.cameras is not None:
         return read_cameras(arguments.cameras, width=width, height=height)

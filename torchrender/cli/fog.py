@@ -65,6 +65,9 @@ def run_fog(arguments: argparse.Namespace) -> None:
     for file, suffixes in wanted:
         if file:
             check_output(Path(file), suffixes)
+    files = [Path(file).resolve() for file, _ in wanted if file]
+    if twice := [file for number, file in enumerate(files) if file in files[:number]]:
+        raise OptionError(f"--output and each --write-… need files of their own, got {twice[0].name} twice")
     _check(arguments)
     from torchrender.images.files import read_image, write_image
     from torchrender.photo.fog import FogPhoto, read_marks

@@ -54,7 +54,15 @@ class Knowledge:
         outlook = Outlook(scene=past.scene or scene, cameras=cameras, options=options, history=past)
         known = {buffer.name: buffer for step in passes for buffer in step.makes_all}
         asked = tuple(known[name] for name in options.buffers if name in known)
-        return cls(outlook=outlook, curves=curves, passes=passes, wanted=(PICTURE, *asked))
+        found = cls(outlook=outlook, curves=curves, passes=passes, wanted=(PICTURE, *asked))
+        return found._elsewhere() if past.leaps_to(cameras) and found.unseen else found
+
+    def _elsewhere(self) -> Knowledge:
+        """Without what was sensed from where the eye was, and what was chosen by that."""
+        past, pace = self.outlook.history, self.pace
+        known = {name: value for name, value in pace.known.items() if not name.startswith(SENSE)}
+        past = replace(past, pace=replace(pace, known=known, search=None))
+        return replace(self, outlook=replace(self.outlook, history=past))
 
     @property
     def asked(self) -> Buffers:
@@ -92,12 +100,9 @@ class Knowledge:
 
     @property
     def blind(self) -> bool:
-        """The picture is like none of those that were measured, and none of its scene, from about there, told what its
-        errors follow."""
-        if not self.unseen:
-            return False
-        told = any(name.startswith(SENSE) for name in self.pace.known)
-        return not told or self.outlook.history.leaps_to(self.outlook.cameras)
+        """The picture is like none of those that were measured, and no other one of its scene, from about there, told
+        what its errors follow."""
+        return self.unseen and not any(name.startswith(SENSE) for name in self.pace.known)
 
     def setting_error(self, step: Pass, setting: str, options: RenderOptions) -> Expected:
         """Error of a setting; where settings are compared in a context of their own, beyond the best of them.

@@ -18,6 +18,10 @@ RADIUS_SCALE = 0.75
 NORMAL_NEIGHBOURS = 16
 
 
+ROUNDING = 1e-4
+"""By which opacities may miss their range: they come from sums and from numbers of 8 bits."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointCloud:
     """P points; lists and arrays of NumPy are taken as tensors. What is missing may be estimated: :meth:`completed`.
@@ -26,8 +30,8 @@ class PointCloud:
     is not finite, zero or negative is unknown.
 
     Raises:
-        InputError: wrong shapes, no points, positions or colours that are not finite. GradientError: a value asks for
-            gradients, which drawing points does not give.
+        InputError: wrong shapes, no points, positions or colours that are not finite, opacities outside [0, 1].
+        GradientError: a value asks for gradients, which drawing points does not give.
     """
 
     position: Tensor  # (P,3) float64, scene units
@@ -70,6 +74,9 @@ class PointCloud:
             object.__setattr__(self, "color", color.contiguous())
         if self.opacity is not None:
             opacity = check_finite("opacity", check_tensor("opacity", self.opacity, (count,)).detach().float())
+            if bool(((opacity < -ROUNDING) | (opacity > 1.0 + ROUNDING)).any()):
+                low, high = opacity.aminmax()
+                raise InputError(f"opacity must lie in [0, 1], got {float(low):g} to {float(high):g}")
             object.__setattr__(self, "opacity", opacity.clamp(0.0, 1.0).contiguous())
         if self.spread is not None:
             spread = check_finite("spread", check_tensor("spread", self.spread, (count, 3, 3)).detach().float())
