@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.utils.weak import WeakTensorKeyDictionary
 
 from torchrender.checks import check_tensor
-from torchrender.numerics.texels.coded import PADDING, CodedTexture, codes_of
+from torchrender.numerics.texels.coded import PADDING, CodedTexture, codes_of, state_of
 from torchrender.numerics.texels.halving import halved, pooled
 from torchrender.numerics.texels.levels import CodedPyramid, coded_pyramid, halved_codes
 
@@ -70,7 +70,7 @@ def pyramid_of(textures: Sequence[Tensor]) -> Pyramid:
     sizes = [(height, width)]
     while max(sizes[-1]) > 1:
         sizes.append((max(sizes[-1][0] // 2, 1), max(sizes[-1][1] // 2, 1)))
-    coded = [texture for texture in textures if isinstance(texture, CodedTexture) and texture.codes is not None]
+    coded = [texture for texture in textures if isinstance(texture, CodedTexture) and codes_of(texture) is not None]
     if len(coded) == len(textures):
         return coded_pyramid(coded, sizes)
     shapes = torch.tensor(sizes, dtype=torch.int64)
@@ -103,7 +103,8 @@ def _in_place(textures: Sequence[Tensor], sizes: list[tuple[int, int]]) -> Tenso
     finer = texels[: height * width].view(height, width, channels)
     begin = 0
     for texture in textures:
-        finer[..., begin : begin + texture.shape[2]] = texture.detach()
+        held = texture.numbers() if isinstance(texture, CodedTexture) else texture.detach()
+        finer[..., begin : begin + texture.shape[2]] = held
         begin += texture.shape[2]
     for height, width in sizes[1:]:
         first += finer.shape[0] * finer.shape[1]
@@ -129,7 +130,8 @@ def halved_texture(texture: Tensor) -> Tensor:
 
 def channels_of(texture: Tensor, first: int, end: int) -> Tensor:
     """Some of the channels (H,W,end - first) of a texture, kept as it is kept."""
-    return texture.channels(first, end) if isinstance(texture, CodedTexture) else texture[..., first:end]
+    coded = isinstance(texture, CodedTexture) and codes_of(texture) is not None
+    return texture.channels(first, end) if coded else texture[..., first:end]
 
 
 def color_pyramid(texture: Tensor) -> Pyramid:
@@ -148,11 +150,12 @@ def texture_pyramid(texture: Tensor) -> Pyramid:
 def _kept(texture: Tensor, channels: int) -> Pyramid:
     if texture.requires_grad:
         return build_pyramid(texture[..., :channels])
-    version, made = _PYRAMIDS.get(texture) or (-1, {})
-    known: dict[int, Pyramid] = made if version == texture._version else {}
+    state = state_of(texture)
+    before, made = _PYRAMIDS.get(texture) or (None, {})
+    known: dict[int, Pyramid] = made if before == state else {}
     if channels not in known:
         known[channels] = build_pyramid(channels_of(texture, 0, channels))
-        _PYRAMIDS[texture] = (texture._version, known)
+        _PYRAMIDS[texture] = (state, known)
     return known[channels]
 
 

@@ -73,7 +73,7 @@ def _alpha(material: Material) -> Tensor | None:
     if material.alpha_cutoff is None:
         return None
     texture = material.diffuse_texture
-    alpha = torch.ones(1, 1) if texture is None or texture.shape[2] < 4 else channels_of(texture.detach(), 3, 4)[..., 0]
+    alpha = torch.ones(1, 1) if texture is None or texture.shape[2] < 4 else channels_of(texture, 3, 4).detach()[..., 0]
     alpha = alpha * material.opacity
     share = alpha / max(material.alpha_cutoff, 1e-6)
     # A cutoff of zero is met by everything; rounding must not move a texel over the cutoff.

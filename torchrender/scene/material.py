@@ -27,7 +27,7 @@ from torchrender.checks import (
     check_range,
 )
 from torchrender.errors import InputError, OptionError
-from torchrender.numerics.texels.coded import codes_of
+from torchrender.numerics.texels.coded import codes_of, state_of
 
 DIELECTRIC_F0 = 0.04
 
@@ -209,11 +209,23 @@ class Material:
             return
         told = f"material {self.name!r}: {name}"
         texture = check_picture(told, texture, channels)
-        if codes_of(texture) is not None or _CHECKED.get(texture) == texture._version:  # codes are shares of one
+        if _is_checked(texture):
             return
         checked = check_not_negative(told, check_finite(told, texture.float()))
-        _CHECKED[checked] = checked._version
+        _CHECKED[checked] = state_of(checked)
         object.__setattr__(self, name, checked)
+
+    def check_numbers(self) -> None:
+        """Look again at textures that were changed in place, which may be below zero while something is fitted.
+
+        Raises:
+            InputError: one holds what is not finite; names it.
+        """
+        for name in TEXTURES:
+            texture = getattr(self, name)
+            if texture is not None and not _is_checked(texture):
+                check_finite(f"material {self.name!r}: {name}", texture.detach())
+                _CHECKED[texture] = state_of(texture)
 
     def _check_model(self) -> None:
         if self.blend and self.alpha_cutoff is not None:
@@ -268,6 +280,11 @@ class Material:
     def is_reflector(self) -> bool:
         """True if reflection passes should run for it: it mirrors clearly more than bare plastic does."""
         return not self.unlit and float(self.mirror_color.detach().max()) > 2 * DIELECTRIC_F0
+
+
+def _is_checked(texture: Tensor) -> bool:
+    """Codes are shares of one."""
+    return codes_of(texture) is not None or bool(_CHECKED.get(texture) == state_of(texture))
 
 
 def _equals(value: Tensor | float, default: float) -> bool:

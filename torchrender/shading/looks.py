@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
+from torchrender.checks import check_finite
 from torchrender.kernels.shading.records import CHANNEL, LEVELS, MATERIAL, SLOT, Looks
-from torchrender.numerics.texels.coded import codes_of, room_for, tables
+from torchrender.numerics.texels.coded import codes_of, room_for, state_of, tables
 from torchrender.numerics.texels.levels import CodedPyramid
 from torchrender.numerics.texture import Pyramid, channels_of, pyramid_of
 from torchrender.scene.material import FILTERS, PLAIN, WRAPS, Material, Sampler
@@ -33,7 +34,7 @@ def looks_of(materials: Sequence[Material], table: MaterialTable) -> Looks:
     """The materials of a scene, built anew only where one or a texture has changed."""
     if not materials:
         return _built((), table)
-    stamp = tuple((id(m), *(t._version for _, t in _textures(m, METALLIC_TEXTURES))) for m in materials)
+    stamp = tuple((id(m), *(state_of(t) for _, t in _textures(m, METALLIC_TEXTURES))) for m in materials)
     known = _KEPT.get(materials[0])
     if known is None or known[0] != stamp:
         known = (stamp, tuple(materials)[1:], _built(materials, table))  # ids hold while the materials live
@@ -50,6 +51,7 @@ def _built(materials: Sequence[Material], table: MaterialTable) -> Looks:
     atlas = _Atlas()
     ranges = np.zeros((max(len(materials), 1), 4), np.int32)
     for number, material in enumerate(materials):
+        material.check_numbers()
         kind = int(table.physical.kind[number])
         names = METALLIC_TEXTURES if kind == METALLIC else PHONG_TEXTURES if kind == PHONG else ("diffuse_texture",)
         first = len(atlas.rows)
@@ -79,7 +81,7 @@ def material_numbers(table: MaterialTable) -> np.ndarray[Any, Any]:
         "normal_scale": p.normal_scale, "occlusion": p.occlusion_strength,
     }  # fmt: skip
     for name, value in columns.items():
-        block = value.detach().reshape(len(out), -1).float()
+        block = check_finite(f"{name} of the materials", value.detach().reshape(len(out), -1).float())
         out[:, MATERIAL[name] : MATERIAL[name] + block.shape[1]] = block
     return out.numpy()
 
@@ -110,9 +112,10 @@ class _Atlas:
             end = min(begin + len(names), texture.shape[2])
             slots += [SLOT[one] for one in names[: end - begin]]
             read.append((texture, begin, end))
-        key = tuple((name, id(texture), texture._version) for name, texture in members)
+        key = tuple((name, id(texture), state_of(texture)) for name, texture in members)
         if key not in self.known:
-            pyramid = pyramid_of([channels_of(texture.detach(), begin, end) for texture, begin, end in read])
+            with torch.no_grad():
+                pyramid = pyramid_of([channels_of(texture, begin, end) for texture, begin, end in read])
             levels = zip(self._put(pyramid), pyramid.width.tolist(), pyramid.height.tolist(), strict=True)
             self.known[key] = ([n for level in levels for n in level], pyramid.level_count, _coded(pyramid))
         told, count, coded = self.known[key]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import io
 import pickle
 from collections.abc import Callable
 
@@ -12,6 +13,7 @@ import torch
 from torch import Tensor
 
 from shading_scenes import as_codes, scene_of_all, views
+from torchrender.errors import InputError
 from torchrender.kernels.shading.records import LEVELS
 from torchrender.numerics.color import linear_from_srgb
 from torchrender.numerics.texels.coded import CodedTexture, codes_of, is_followed, room_for
@@ -27,6 +29,7 @@ from torchrender.numerics.texture import (
 )
 from torchrender.raster import rasterize_visibility
 from torchrender.scene.material import Material
+from torchrender.scene.material_table import MaterialTable
 from torchrender.shading.fused import send_fused
 from torchrender.shading.lobes import Around
 from torchrender.shading.looks import looks_of
@@ -50,7 +53,7 @@ def test_it_is_the_tensor_of_its_numbers() -> None:
     assert torch.equal(one * 2.0, wanted * 2.0) and float(one.max()) == 1.0 and bool(one.mean() == wanted.mean())
     assert torch.equal(channels_of(one, 2, 4), wanted[..., 2:4])
     assert torch.equal(torch.zeros(13, 22, 4).copy_(one), wanted)
-    assert one.float() is one and one.detach() is one and not one.requires_grad
+    assert one.float() is one and one.contiguous() is one and not one.requires_grad
     for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
         assert codes_of(other) is not None and torch.equal(other, wanted)
     assert codes_of(one) is not None, "nothing of this made it keep its numbers"
@@ -64,6 +67,28 @@ CHANGES: dict[str, Callable[[Tensor], object]] = {
     "as another shape": lambda t: t.view(-1).fill_(3.0),
     "through numpy": lambda t: t.numpy().fill(5.0),
     "as an output": lambda t: torch.add(torch.ones(13, 22, 4), 1.0, out=t),
+    "by other data": lambda t: setattr(t, "data", torch.full((13, 22, 4), 2.0)),
+    "by the memory of another": lambda t: t.set_(torch.full((13, 22, 4), 2.0)),
+    "through what is detached": lambda t: t.detach().fill_(4.0),
+    "through a shallow copy": lambda t: copy.copy(t).fill_(4.0),
+    "through DLPack": lambda t: torch.from_dlpack(t).fill_(4.0),
+    "a part of it in inference mode": lambda t: in_inference_mode(lambda: t[2:5].fill_(4.0)),
+    "by a function in place": lambda t: torch.nn.functional.threshold(t, 0.5, 9.0, inplace=True),
+    "inside vmap": lambda t: torch.vmap(lambda row: row[0].fill_(4.0))(t),
+    "through a view that a function without a schema gives": lambda t: torch.broadcast_tensors(t)[0].fill_(4.0),
+}
+
+
+def in_inference_mode(do: Callable[[], object]) -> object:
+    with torch.inference_mode():
+        return do()
+
+
+ASKED: dict[str, Callable[[Tensor], object]] = {
+    "detached": lambda t: t.detach().requires_grad_(),
+    "a parameter": lambda t: torch.nn.Parameter(t),
+    "a clone": lambda t: t.clone().requires_grad_(),
+    "a copy": lambda t: copy.deepcopy(t).requires_grad_(),
 }
 
 
@@ -76,6 +101,68 @@ def test_whoever_changes_it_changes_it(change: Callable[[Tensor], object]) -> No
     change(plain)
     assert torch.equal(one, plain) and codes_of(one) is None
     assert torch.equal(one[3:], plain[3:]) and codes_of(copy.deepcopy(one)) is None
+    assert type(one) is Tensor and one.is_leaf
+
+
+@pytest.mark.parametrize("ask", ASKED.values(), ids=ASKED)
+def test_what_is_made_of_it_asks_for_gradients_alone(ask: Callable[[Tensor], Tensor]) -> None:
+    one = texture()
+    made = ask(one)
+    assert made is not one and made.requires_grad and made.is_leaf and not one.requires_grad
+    made.sum().backward()
+    assert made.grad is not None and one.grad is None
+    assert copy.deepcopy(one.requires_grad_()).is_leaf
+
+
+def test_its_size_may_change() -> None:
+    one = texture()
+    wanted = one.clone().view(-1)[:60].view(3, 5, 4)
+    assert one.resize_(3, 5, 4) is one
+    assert one.shape == (3, 5, 4) and torch.equal(one, wanted) and len(one) == 3
+
+
+def test_inference_mode_computes_with_it() -> None:
+    one = texture()
+    wanted = one.clone()
+    with torch.inference_mode():
+        assert torch.equal(one, wanted) and bool(one.mean() == wanted.mean()) and codes_of(one) is not None
+        assert torch.equal(one[..., :3], wanted[..., :3]) and np.array_equal(one.numpy(), wanted.numpy())
+        made = texture()
+    assert float(made.max()) == 1.0 and not made.is_inference() and not one.is_inference()
+    assert one.requires_grad_().requires_grad, "it is an ordinary tensor outside"
+
+
+def test_what_is_saved_is_a_tensor_to_whoever_loads_it() -> None:
+    one = texture()
+    file = io.BytesIO()
+    torch.save({"one": one, "again": one, "other": texture()}, file)
+    file.seek(0)
+    found = torch.load(file, weights_only=True)  # noqa: TID251  # tensors only
+    assert type(found["one"]) is Tensor and torch.equal(found["one"], one) and found["again"] is found["one"]
+    assert codes_of(one) is not None, "saving leaves it as it is"
+
+
+def test_vmap_reads_it() -> None:
+    one = texture()
+    wanted = one.clone()
+    assert torch.equal(torch.vmap(lambda row: row[0] * 2.0)(one), wanted[:, 0] * 2.0)
+    assert torch.equal(one, wanted)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_what_is_not_finite_is_named(value: float) -> None:
+    """The kernel makes indices of such numbers."""
+    for one in (texture(8, 8, 3), texture(8, 8, 3).clone()):
+        material = Material(name="wall", diffuse_texture=one)
+        one[2, 3, 1] = value
+        with pytest.raises(InputError, match=r"material 'wall': diffuse_texture must be finite: 1 of 192"):
+            looks_of([material], MaterialTable.of([material]))
+        one.clamp_(max=1.0).nan_to_num_()
+        looks_of([material], MaterialTable.of([material]))
+    color = Material(name="wall", diffuse=torch.ones(3))
+    color.diffuse.fill_(value)
+    with pytest.raises(InputError, match="diffuse of the materials must be finite"):
+        looks_of([color], MaterialTable.of([color]))
 
 
 def test_gradients_reach_it() -> None:
@@ -98,6 +185,10 @@ def test_changes_show_in_pictures() -> None:
     assert texture_pyramid(one) is first
     one[0, 0] = 1.0
     assert float(texture_pyramid(one).take(torch.tensor([0])).min()) == 1.0
+    before = looks_of([material], MaterialTable.of([material]))
+    one.data = torch.full((8, 8, 3), 0.25)
+    assert float(texture_pyramid(one).take(torch.tensor([0])).max()) == 0.25
+    assert looks_of([material], MaterialTable.of([material])).texels.max() == 0.25 < before.texels.max()
 
 
 @pytest.mark.parametrize("shape", [(64, 32, 3), (13, 22, 4), (1, 9, 4), (1, 1, 3), (256, 128, 1)])

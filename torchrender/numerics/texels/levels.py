@@ -57,7 +57,7 @@ def coded_pyramid(textures: Sequence[CodedTexture], sizes: Sequence[tuple[int, i
     """
     parts = [texture.codes for texture in textures]
     flags = [k < one.colors for one in textures for k in range(one.shape[2])]
-    finest = _side_by_side([part for part in parts if part is not None])
+    finest = _side_by_side(parts)
     counts = np.array([h * w for h, w in sizes], np.int64)
     channels = finest.shape[2]
     coarser = room_for((int(counts[1:].sum()), channels), np.uint16)

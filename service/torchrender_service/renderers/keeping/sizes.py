@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from torchrender.numerics.texels.coded import CodedTexture
+from torchrender.numerics.texels.coded import CodedTexture, codes_of
 
 _PLAIN = (str, bytes, int, float, bool, type(None), type)
 TREE_BYTES = 160
@@ -43,7 +43,7 @@ def bytes_of(*things: Any, known: set[int] | None = None) -> int:
 def _array(thing: Any) -> tuple[int, int] | None:
     """Address and bytes of what an array lies in; of a part the whole."""
     if isinstance(thing, CodedTexture):
-        thing = thing.kept
+        thing = thing.numbers() if codes_of(thing) is None else thing.codes
     if isinstance(thing, Tensor):
         storage = thing.untyped_storage()
         return storage.data_ptr(), storage.nbytes()

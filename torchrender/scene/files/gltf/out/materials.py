@@ -204,7 +204,7 @@ class MaterialWriter:
     def _image(self, texture: Tensor, *, plain: bool) -> int:
         key = (id(texture), plain)
         if key not in self._images:
-            values = texture.detach().float().clamp(0.0, 1.0)
+            values = texture.float().clamp(0.0, 1.0).detach()
             if values.shape[2] == 1:
                 values = values.expand(-1, -1, 3)
             color = values[..., :3] if plain else srgb_from_linear(values[..., :3])
