@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from torchrender.errors import InputError
 from torchrender.extras import check_extra
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
@@ -45,9 +46,11 @@ def show(
 
     Raises:
         MissingExtraError: the packages of the service are not installed.
-        InputError: nothing that can be shown. SceneFileError: a file that cannot be read.
+        InputError: nothing that can be shown, a port outside [0, 65535]. SceneFileError: a file that cannot be read.
         TorchRenderError: the port is in use.
     """
+    if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= 65535:
+        raise InputError(f"port must be in [0, 65535], got {port!r}")
     check_extra("service", "tr.show")
     from torchrender_service.viewer.view import open_view
 

@@ -412,3 +412,9 @@ def test_pictures_have_the_size_that_is_asked_for(view: View) -> None:
     for sides in ({"width": 0, "height": 3}, {"height": -1}, {"width": "a"}):
         with pytest.raises(InputError, match=r"width|height"):
             view.screenshot(**sides)
+
+
+@pytest.mark.parametrize("port", [-1, 99999, 8000.5, True])
+def test_ports_that_there_are_not_are_refused(port: Any) -> None:
+    with pytest.raises(InputError, match=r"port must be in \[0, 65535\], got"):
+        tr.show(tr.Scene(), port=port, browser=False)
