@@ -130,8 +130,9 @@ def halved_texture(texture: Tensor) -> Tensor:
 
 def channels_of(texture: Tensor, first: int, end: int) -> Tensor:
     """Some of the channels (H,W,end - first) of a texture, kept as it is kept."""
-    coded = isinstance(texture, CodedTexture) and codes_of(texture) is not None
-    return texture.channels(first, end) if coded else texture[..., first:end]
+    if isinstance(texture, CodedTexture) and codes_of(texture) is not None:
+        return texture.channels(first, end)
+    return texture[..., first:end]
 
 
 def color_pyramid(texture: Tensor) -> Pyramid:

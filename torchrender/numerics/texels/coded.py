@@ -183,13 +183,15 @@ def _settled(texture: Tensor) -> Tensor:
     """The same object, an ordinary tensor from now on."""
     with _SWAP, torch.inference_mode(False):
         if isinstance(texture, CodedTexture):
-            plain = torch.zeros(0, dtype=torch.float32, device="cpu").set_(texture.numbers())
+            held = texture.numbers()
+            plain = torch.zeros(0, dtype=torch.float32, device="cpu")
+            plain.set_(held.untyped_storage(), held.storage_offset(), held.shape, held.stride())
             try:
-                torch._C._swap_tensor_impl(texture, plain)  # type: ignore[attr-defined]
+                torch._C._swap_tensor_impl(texture, plain)
             except RuntimeError as error:  # it counts who refers to it
                 told = "a texture that PyTorch is computing with cannot be changed or viewed: take its clone()"
                 raise InputError(told) from error
-            texture.__class__ = Tensor  # type: ignore[assignment]
+            object.__setattr__(texture, "__class__", Tensor)
             vars(texture).clear()
     return texture
 
