@@ -36,7 +36,6 @@ from torchrender_service.renderers.jobs import (
     Job,
     MakeLayers,
     Render,
-    Reply,
     SceneSource,
     Tradeoff,
     View,
@@ -46,7 +45,7 @@ from torchrender_service.renderers.processes import pauses as pauses_module
 from torchrender_service.renderers.processes import process as process_module
 from torchrender_service.renderers.processes import start as processes
 from torchrender_service.renderers.processes.desk import Cancelled, Desk
-from torchrender_service.renderers.processes.messages import JOB_ENCODER, Cancel, SentTask, Task
+from torchrender_service.renderers.processes.messages import JOB_ENCODER, Cancel, Reply, SentTask, Task
 from torchrender_service.renderers.processes.pauses import Pauses
 from torchrender_service.renderers.processes.process import RendererProcess
 from torchrender_service.renderers.processes.schedule import PATIENCE_S, FairQueue, Waiting
@@ -484,6 +483,8 @@ def test_a_renderer_whose_server_is_gone_ends_with_one_line() -> None:
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, env=environment) as renderer:
         assert renderer.stdin is not None and renderer.stdout is not None and renderer.stderr is not None
+        size = struct.unpack("<Q", renderer.stdout.read(8))[0]
+        assert msgspec.msgpack.decode(renderer.stdout.read(size))["result"] == {"begun": True}
         size = struct.unpack("<Q", renderer.stdout.read(8))[0]
         assert msgspec.msgpack.decode(renderer.stdout.read(size))["result"] == {"ready": True}
         renderer.stdout.close()

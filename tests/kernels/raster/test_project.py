@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import numba
 import numpy as np
 import pytest
 
+from torchrender.kernels.raster.lanes.vectors import LANES
+from torchrender.kernels.raster.lanes.vertices import project_lanes
 from torchrender.kernels.raster.project import (
     BLOCK,
     GUARD,
@@ -123,3 +126,23 @@ def test_vertices_are_where_a_loop_puts_them(count: int, orthographic: bool) -> 
             continue
         assert snapped_x(packed) == np.floor(px * SUBPIXEL + 0.5) and snapped_y(packed) == np.floor(py * SUBPIXEL + 0.5)
     assert count < 9 or kinds == {False, True}
+
+
+@numba.njit
+def eight(vertices, first, pose, limits, out, fixed):
+    project_lanes(vertices, np.uintp(first), pose, limits, out, fixed)
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_eight_vertices_are_those_of_the_loop(orthographic: bool) -> None:
+    """Of the same numbers one by one, which fewer than eight vertices take; their neighbours stay as they were."""
+    rng = np.random.default_rng(3)
+    vertices = rng.uniform(-6, 6, (3 * LANES, 3))
+    pose, limits = (np.diag([700.0, 700.0, 1.0]), rng.uniform(-1, 1, 3)), (0.5, orthographic)
+    found = np.full((len(vertices), 4), -7.0)
+    eight(vertices, LANES, pose, limits, found, (float(GUARD), float(SUBPIXEL), NEEDS_CLIP))
+    assert (found[:LANES] == -7).all() and (found[2 * LANES :] == -7).all()
+    for v in range(LANES, 2 * LANES):
+        alone = np.zeros((1, 4))
+        project_vertices(vertices[v : v + 1], np.zeros(1, np.int64), *pose, *limits, alone, alone.view(np.int64))
+        np.testing.assert_array_equal(found[v].view(np.int64), alone[0].view(np.int64))

@@ -98,11 +98,17 @@ def _of_everything(scene: Scene, options: RenderOptions) -> set[int]:
 
     Hits ask many small lights, and sampled ones with an area, by rays; what floats looks all lights up.
     """
+    found = _at_most(scene, options)
+    if options.area_shadows != "sampled" or (options.media and scene.media):
+        return found
+    return {n for n in found if not isinstance(scene.lights[n], RectLight)}
+
+
+def _at_most(scene: Scene, options: RenderOptions) -> set[int]:
+    """The same by this pass's own settings, which alone decide its price."""
     shining = {n for n, light in enumerate(scene.lights) if shines(light)}
     if options.media and scene.media:
         return shining
-    if options.area_shadows == "sampled":
-        shining -= {n for n in shining if isinstance(scene.lights[n], RectLight)}
     return shining - lights_without_maps(scene.lights, lasting_shadows(options))
 
 
@@ -202,7 +208,7 @@ def amounts(outlook: Outlook) -> Amounts:
         share = mapped / max(len(lights), 1)
         count += share * sum(_fitted(light, options.cascades) for light in lights)
     if (options.coverage == "scene" or _shown_elsewhere(outlook)) and outlook.kept(SCENE_SHADOW_MAP) is None:
-        whole = range(len(lights)) if options.coverage == "scene" else _of_everything(outlook.scene, outlook.options)
+        whole = range(len(lights)) if options.coverage == "scene" else _at_most(outlook.scene, outlook.options)
         count += sum(views(lights[number]) for number in whole)
     height, width = options.shape
     return (count, count * height * width * 1e-6, count * outlook.triangles)

@@ -66,7 +66,10 @@ FEW_SAMPLES = 4
 
 
 def asks(outlook: Outlook) -> Buffers:
-    """Maps of everything: those of the picture follow the eye; and rays to many lights or for ambient light."""
+    """Maps of everything, as those of the picture follow the eye; and rays to many lights or for ambient light.
+
+    Triangles for lights that are sampled are there where the picture samples them, too.
+    """
     if outlook.kept(HIT_SHADER) is not None:
         return ()
     maps: Buffers = () if no_shadows(outlook) else (SCENE_SHADOW_MAP,)

@@ -121,18 +121,6 @@ VIEWS = 300.0
 """Depth images that curved clusters need beside those of planes, per million reflective pixels."""
 
 
-SAMPLED = {"traced": 0.12, "clustered": 0.02}
-"""What each light's samples along an edge add to the time of a reflective pixel, as a share of it; two rooms."""
-
-
-def _sampled(outlook: Outlook) -> float:
-    """How many times longer a reflective pixel takes where hits are lit by samples of lights with an area."""
-    options = outlook.options
-    if options.area_shadows != "sampled" or not options.shadows:
-        return 1.0
-    return 1.0 + SAMPLED.get(options.reflections, 0.0) * outlook.area_lights * options.soft_shadow.light_samples
-
-
 def amounts(outlook: Outlook) -> Amounts:
     """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
     options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
@@ -142,7 +130,7 @@ def amounts(outlook: Outlook) -> Amounts:
         look = shader is None or (not shader.looked_around and young)
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-    return (1.0, pixels * _sampled(outlook), drawn, float(look))
+    return (1.0, pixels, drawn, float(look))
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
