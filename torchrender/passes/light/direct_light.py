@@ -179,10 +179,10 @@ def _darkened(frame: Frame, known: AmbientReach | None) -> float:
     """
     scene, gbuffer, radiance = frame.scene, frame[GBUFFER], few(frame[DIRECT_LIGHT], SIDE).detach().float()
     sky, fill = _from_around(scene)
-    reach = reach_of(scene, frame.options.ambient)
-    lights, reaches = zip(*[one for one in ((sky, math.inf), (fill, reach)) if one[0]] or [(0.0, 0.0)], strict=True)
-    if not any(lights):
+    parts = [(light, far) for light, far in ((sky, math.inf), (fill, reach_of(scene, frame.options.ambient))) if light]
+    if not parts:
         return 0.0
+    lights, reaches = zip(*parts, strict=True)
     visible = None if known is None else few(known.visibility, SIDE)
     white = _whiteness(frame, radiance, torch.ones(()) if visible is None else visible, SIDE)
     whole = radiance if visible is None else radiance + ((sky + fill) * (1.0 - visible) * white)[..., None]
