@@ -197,14 +197,19 @@ class LoadClient:
             reader.cancel()
             await asyncio.gather(reader, return_exceptions=True)
 
-    async def look_around(self, *, reach: float = 0.08, period_s: float = 1.0, begin_s: float = 0.0) -> None:
+    async def look_around(
+        self, *, reach: float = 0.08, period_s: float = 1.0, begin_s: float = 0.0, overtaken: bool = True
+    ) -> None:
         """Jump to and fro for ever, ``reach`` scene diagonals to each side and standing between: every pose needs a
         keyframe at once, so that its time is that of the picture and not of waiting until one is needed.
 
         Poses go out by the clock, however late the one before was: sessions that begin one after the other would else
-        fall into step at the first hold-up, and wait for each other ever after."""
+        fall into step at the first hold-up, and wait for each other ever after.
+
+        ``overtaken``: a pose that has a keyframe only by a later one counts as well, so that latencies are one a pose
+        and not one a keyframe."""
         size, side = reach * float(self.welcome.scene["diagonal"]), 1.0
-        self.counts_overtaken = True  # every pose needs a keyframe
+        self.counts_overtaken = overtaken
         reader = asyncio.create_task(self._read())
         loop = asyncio.get_running_loop()
         try:

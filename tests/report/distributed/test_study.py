@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import subprocess
 import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import torch
 
-from torchrender.errors import OptionError
+from torchrender.errors import OptionError, TorchRenderError
 
 pytest.importorskip("simpy")
 
-from torchrender.report.distributed import study
+from torchrender.report.distributed import cluster, streams, study
 from torchrender.report.distributed.batches import Clock, killed_rows, local_rows, ray_rows
-from torchrender.report.distributed.cluster import cpu_s
+from torchrender.report.distributed.cluster import HAPROXY, HAPROXY_FILE, cpu_s, proxied
 from torchrender.report.distributed.reckoning import Costs, check_rows, costs_of, predicted, prices
 from torchrender.report.distributed.stream_rows import lost_rows, stream_rows
+from torchrender.scene.camera import Cameras
+from torchrender.wire.cameras import header_of
+from torchrender.wire.messages import Pose, decode
+from torchrender_service.load_test.driver import LoadClient
+from torchrender_service.renderers.keyframes import Stamp, first_message
 
 LEISURE = {
     "sessions": 1,
@@ -56,9 +67,10 @@ def marks(rows: list) -> list[bool | None]:
 def test_rows_say_what_was_met() -> None:
     assert all(met is not False for met in marks([*stream_rows(STREAMS), *lost_rows(STREAMS)]))
     worse = json.loads(json.dumps(STREAMS))
-    assert not any("HAProxy" in row.what for row in stream_rows(worse))
-    worse["replicas"]["haproxy"] = True
-    assert any("/health through HAProxy" in row.what for row in stream_rows(worse))
+    worse["haproxy"] = json.loads(json.dumps(worse["replicas"])) | {"health_ms": [3.0, 4.0]}
+    assert [row.what for row in stream_rows(worse, "haproxy") if row.met is False] == [
+        "/health, nothing else to do, p50 (p99)"
+    ]
     worse["replicas"]["opened"] |= {"refused": 5, "why": ["InvalidStatus"]}
     worse["lost"]["killed"]["back_s"] = [0.5]
     worse["lost"]["scaled"]["told"][0][1] = None
@@ -120,6 +132,62 @@ def test_parts_are_kept_until_they_are_measured_again(tmp_path: Path, monkeypatc
     (tmp_path / "distributed.json").unlink()
     with pytest.raises(OptionError, match="replicas must be measured first"):
         study.run(tmp_path, True, ["many"])
+
+
+def test_keyframes_are_counted_and_not_the_poses_that_they_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client that sends more poses than it gets keyframes: others are overtaken."""
+
+    class Socket:
+        def __init__(self) -> None:
+            self.newest: asyncio.Queue[int] = asyncio.Queue()
+
+        async def send(self, data: bytes) -> None:
+            if isinstance(message := decode(data).message, Pose):
+                self.newest.put_nowait(message.seq)
+
+        async def recv(self) -> bytes:
+            await asyncio.sleep(0.2)  # as long as a keyframe takes
+            number = await self.newest.get()
+            while not self.newest.empty():
+                number = self.newest.get_nowait()
+            stamp = Stamp(id=number, pose=number, layers=1)
+            return first_message(stamp, camera, depth, radiance, render_ms=40.0, plan=None)
+
+    @asynccontextmanager
+    async def fake(*_: object, **__: object) -> AsyncIterator[LoadClient]:
+        welcome: Any = SimpleNamespace(camera=header_of(camera), scene={"diagonal": 1.0})
+        yield LoadClient(Socket(), welcome, 0.0)  # type: ignore[arg-type]
+
+    camera = Cameras.look_at([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], width=64, height=48, fov_deg=50.0)
+    depth, radiance = torch.full((48, 64), 3.0), torch.full((48, 64, 3), 0.5)
+    monkeypatch.setattr(streams, "client", fake)
+    server: Any = SimpleNamespace(pid=os.getpid())
+    found = asyncio.run(streams.looking(server, 2, 1.0, period_s=0.02))
+    assert 6.0 <= found["keyframes_per_s"] <= 11.0, "two clients, a keyframe each .2 s, and 50 poses a second each"
+    assert found["render_ms"] == [40.0, 0.0]
+
+
+def test_one_proxy_or_the_other(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv(HAPROXY, "1")
+    monkeypatch.setenv(HAPROXY_FILE, "/there/haproxy")
+    assert {HAPROXY, HAPROXY_FILE}.isdisjoint(proxied(False))
+    assert proxied(True)[HAPROXY] == "1" and proxied(True)[HAPROXY_FILE] == "/there/haproxy"
+    monkeypatch.delenv(HAPROXY_FILE)
+    monkeypatch.setattr(cluster, "FOLDERS", ())
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(TorchRenderError, match="HAProxy is not installed"):
+        proxied(True)
+    measured: list[str] = []
+    for name in study.PARTS:
+        monkeypatch.setitem(study.PARTS, name, lambda *_, name=name: measured.append(name) or {})
+    monkeypatch.setattr(study, "page", lambda _: "")
+    study.run(tmp_path, True)
+    assert measured == [name for name in study.PARTS if name != "haproxy"]
+    (tmp_path / "haproxy").write_text("#!/bin/sh\n")
+    (tmp_path / "haproxy").chmod(0o755)
+    assert proxied(True)[HAPROXY_FILE] == str(tmp_path / "haproxy")
+    study.run(tmp_path, True)
+    assert measured[-len(study.PARTS) :] == list(study.PARTS)
 
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -12,9 +13,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from torchrender.errors import TorchRenderError
 from torchrender_service.load_test.driver import LoadTestError, ServerUnderTest, resident_mb
 
 STOP_S = 60.0
+HAPROXY = "RAY_SERVE_ENABLE_HA_PROXY"
+"""Of the environment, 1: Serve's requests go through HAProxy in place of its own proxy."""
+HAPROXY_FILE = "RAY_SERVE_HAPROXY_BINARY_PATH"
+"""Of the environment: the program."""
+FOLDERS = ("/usr/sbin", "/usr/local/sbin")
+"""Where it may be, beside those that are searched for programs."""
 
 
 @dataclass(eq=False)
@@ -37,15 +45,20 @@ class RayUnderTest(ServerUnderTest):
 
 
 @contextmanager
-def running_on_ray(replicas: int, **settings: str) -> Iterator[RayUnderTest]:
-    """A fresh cluster with replicas of one core, in a folder of its own."""
+def running_on_ray(replicas: int, *, haproxy: bool = False, **settings: str) -> Iterator[RayUnderTest]:
+    """A fresh cluster with replicas of one core, in a folder of its own, behind Ray's proxy or HAProxy.
+
+    Raises:
+        TorchRenderError: HAProxy is not installed.
+    """
+    environment = proxied(haproxy)
     with tempfile.TemporaryDirectory() as folder, (Path(folder) / "log").open("w") as log:
         words = {"num_replicas": str(replicas), "num_cpus": "1", "data_dir": folder, **settings}
         port = free_port()
         command = [sys.executable, "-m", "torchrender_service.ray_local", "--port", str(port)]
         command += [f"{name}={value}" for name, value in words.items()]
         pipe = subprocess.PIPE
-        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, text=True)
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=log, text=True, env=environment)
         try:
             assert process.stdout is not None
             served = process.stdout.readline()
@@ -62,6 +75,26 @@ def running_on_ray(replicas: int, **settings: str) -> Iterator[RayUnderTest]:
             for stream in (process.stdin, process.stdout):
                 if stream is not None:
                     stream.close()
+
+
+def haproxy_file() -> str | None:
+    """HAProxy's program: the environment's, or one that is found."""
+    named = os.environ.get(HAPROXY_FILE)
+    return named or shutil.which("haproxy", path=os.pathsep.join([os.environ.get("PATH", ""), *FOLDERS]))
+
+
+def proxied(haproxy: bool) -> dict[str, str]:
+    """The environment for a cluster behind one proxy or the other.
+
+    Raises:
+        TorchRenderError: HAProxy is not installed.
+    """
+    environment = {name: value for name, value in os.environ.items() if name not in (HAPROXY, HAPROXY_FILE)}
+    if not haproxy:
+        return environment
+    if (file := haproxy_file()) is None:
+        raise TorchRenderError(f"HAProxy is not installed: no haproxy in PATH, none named by {HAPROXY_FILE}")
+    return environment | {HAPROXY: "1", HAPROXY_FILE: file}
 
 
 def free_port() -> int:

@@ -47,9 +47,9 @@ def predicted(costs: Costs, looked: dict[str, Any], seconds: float = 60.0) -> Se
     return simulate(cluster, Load(sessions=looked["sessions"], period_s=looked["period_s"], seconds=seconds))
 
 
-def check_rows(parts: dict[str, Any]) -> list[Row]:
-    """The simulation beside the measured runs of two replicas."""
-    found = parts["replicas"]
+def check_rows(parts: dict[str, Any], of: str = "replicas") -> list[Row]:
+    """The simulation beside the measured runs of two replicas, behind the proxy of part ``of``."""
+    found = parts[of]
     costs = costs_of(found)
     rows = []
     for name in ("busy", "half"):
@@ -60,7 +60,7 @@ def check_rows(parts: dict[str, Any]) -> list[Row]:
         rates = f"{said.keyframes_per_s:.1f} keyframes/s, measured {looked['keyframes_per_s']:.1f} ({100 * off:+.0f} %)"
         rows.append(
             Row(
-                what=f"simulated, {looked['sessions']} clients that look elsewhere every {looked['period_s']:g} s",
+                what=f"simulated, {looked['sessions']} clients that look elsewhere every {looked['period_s']:.3g} s",
                 goal="within 15 % of the measured two replicas",
                 measured=f"{rates}; {times}",
                 met=abs(off) <= TOLERANCE,

@@ -7,9 +7,9 @@ from typing import Any
 from torchrender_service.load_test.rows import Row
 
 
-def stream_rows(parts: dict[str, Any]) -> list[Row]:
-    """Two replicas beside one server."""
-    alone, found = parts["server"], parts["replicas"]
+def stream_rows(parts: dict[str, Any], of: str = "replicas") -> list[Row]:
+    """Two replicas, behind the proxy of part ``of``, beside one server."""
+    alone, found = parts["server"], parts[of]
     return [
         *_throughput(alone, found),
         *_opened(found),
@@ -29,9 +29,11 @@ def _throughput(alone: dict[str, Any], found: dict[str, Any]) -> list[Row]:
     rates = [side["busy"]["keyframes_per_s"] for side in (found, alone)]
     return [
         Row(
-            what=f"two replicas of one renderer, {found['busy']['sessions']} clients that want all they can get",
+            what=f"two replicas of one renderer, {found['busy']['sessions']} clients that want all they can get, "
+            f"{1.0 / found['busy']['period_s']:.0f} poses a second each",
             goal="≥ 0.85 of one server with two renderers",
-            measured=f"{rates[0]:.1f} against {rates[1]:.1f} keyframes/s: {ratio:.2f}",
+            measured=f"{rates[0]:.1f} against {rates[1]:.1f} keyframes/s: {ratio:.2f}; "
+            f"{_cores(found['busy'])} against {_cores(alone['busy'])}",
             met=ratio >= 0.85,
         ),
         Row(
@@ -41,12 +43,16 @@ def _throughput(alone: dict[str, Any], found: dict[str, Any]) -> list[Row]:
             met=None,
         ),
         Row(
-            what=f"/health{' through HAProxy' if found.get('haproxy') else ''}, nothing else to do, p50 (p99)",
+            what="/health, nothing else to do, p50 (p99)",
             goal="≤ 2 ms",
             measured=f"{health[0]:.1f} ms ({health[1]:.1f}); one server: {alone['health_ms'][0]:.1f} ms",
             met=health[0] <= 2.0,
         ),
     ]
+
+
+def _cores(looked: dict[str, Any]) -> str:
+    return f"{looked['renderer_cpu_s']:.2f} cores of renderers and {looked['other_cpu_s']:.2f} of all else"
 
 
 def _pair(looked: dict[str, Any]) -> str:
@@ -105,7 +111,7 @@ def lost_rows(parts: dict[str, Any]) -> list[Row]:
 def _compression(found: dict[str, Any]) -> Row:
     has = found["compressed"]["deflate"]
     return Row(
-        what="a client that offers compression, as browsers do, behind Ray's proxy",
+        what="a client that offers compression, as browsers do",
         goal="",
         measured="the proxy compresses what is compressed already" if has else "the proxy does not compress",
         met=None,

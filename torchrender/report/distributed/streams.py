@@ -25,6 +25,7 @@ from torchrender.report.distributed.cluster import RayUnderTest, command_line, d
 from torchrender.wire.messages import SUBPROTOCOL, Bye, Keyframe, decode
 from torchrender_service.load_test.driver import (
     MAX_BYTES,
+    POSES_PER_S,
     LoadClient,
     ServerUnderTest,
     client,
@@ -35,8 +36,11 @@ from torchrender_service.load_test.driver import (
 
 SCENE = "cornell_box"
 VIEW = {"width": 160, "height": 90, "layers": 0}
-HAPROXY = "RAY_SERVE_ENABLE_HA_PROXY"
-"""Of the environment, 1: Serve's requests go through HAProxy in place of its own proxy."""
+"""Of a stream where only its coming and going counts."""
+LOOKED_AT = {"width": 640, "height": 360, "layers": 0}
+"""Of one whose keyframes count: what the page asks for on a laptop."""
+POSES_S = 1.0 / POSES_PER_S
+"""Between two poses of a client that wants all it can get."""
 NO_LIMITS = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
 SETTINGS = {
     **dict.fromkeys(NO_LIMITS, "100000"),
@@ -72,9 +76,13 @@ def server_record(effort: StreamEffort) -> dict[str, Any]:
         return asyncio.run(served(server, effort))
 
 
-def replica_record(effort: StreamEffort) -> dict[str, Any]:
-    """Two replicas with a renderer each."""
-    with ready(running_on_ray(2, **SETTINGS)) as server:
+def replica_record(effort: StreamEffort, *, haproxy: bool = False) -> dict[str, Any]:
+    """Two replicas with a renderer each, behind Ray's proxy or HAProxy.
+
+    Raises:
+        TorchRenderError: HAProxy is not installed.
+    """
+    with ready(running_on_ray(2, haproxy=haproxy, **SETTINGS)) as server:
         found = asyncio.run(served(server, effort))
         found["opened"] = asyncio.run(opened(server, effort))
         found["compressed"] = asyncio.run(compressed(server))
@@ -120,10 +128,9 @@ async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any
     await asyncio.sleep(effort.seconds / 3)
     idle = (cpu_s(server)[1] - before) / (effort.seconds / 3)
     leisure = await looking(server, 1, effort.seconds / 2, period_s=0.25)
-    busy = await looking(server, effort.clients, effort.seconds, period_s=0.02)
+    busy = await looking(server, effort.clients, effort.seconds, period_s=POSES_S)
     half = await looking(server, effort.clients, effort.seconds, period_s=1.0)
     return {
-        "haproxy": os.environ.get(HAPROXY) == "1",
         "health_ms": [1e3 * percentile(answers, share) for share in (0.5, 0.99)],
         "memory_mb": server.memory_mb(),
         "idle_cpu_s": idle,
@@ -152,13 +159,14 @@ def health_s(server: ServerUnderTest, count: int) -> list[float]:
 async def looking(server: ServerUnderTest, count: int, seconds: float, *, period_s: float) -> dict[str, Any]:
     """Clients that look to and fro: keyframes a second, their latency, and what was computed meanwhile."""
     async with AsyncExitStack() as stack:
-        clients = [await stack.enter_async_context(client(server, SCENE, **VIEW)) for _ in range(count)]
+        clients = [await stack.enter_async_context(client(server, SCENE, **LOOKED_AT)) for _ in range(count)]
         looks = [
-            asyncio.create_task(c.look_around(period_s=period_s, begin_s=period_s * k / count))
+            asyncio.create_task(c.look_around(period_s=period_s, begin_s=period_s * k / count, overtaken=False))
             for k, c in enumerate(clients)
         ]
         await asyncio.sleep(max(1.0, seconds / 4))
-        before, spent = [len(c.latencies_s) for c in clients], cpu_s(server)
+        before, made = [len(c.latencies_s) for c in clients], [c.received for c in clients]
+        spent = cpu_s(server)
         arrived = sum(c.bytes for c in clients), sum(c.received for c in clients)
         begin = time.perf_counter()
         await asyncio.sleep(seconds)
@@ -169,11 +177,11 @@ async def looking(server: ServerUnderTest, count: int, seconds: float, *, period
             look.cancel()
         await asyncio.gather(*looks, return_exceptions=True)
     times = [t for c, n in zip(clients, before, strict=True) for t in c.latencies_s[n:]]
-    rendered = [ms for c, n in zip(clients, before, strict=True) for ms in c.render_ms[n:]]
+    rendered = [ms for c, n in zip(clients, made, strict=True) for ms in c.render_ms[n:]]
     return {
         "sessions": count,
         "period_s": period_s,
-        "keyframes_per_s": len(times) / took,
+        "keyframes_per_s": arrived[1] / took,
         "latency_ms": [1e3 * percentile(times, share) for share in (0.5, 0.95)],
         "render_ms": [statistics.fmean(rendered), statistics.pstdev(rendered)] if rendered else [0.0, 0.0],
         "keyframe_bytes": arrived[0] / max(1, arrived[1]),

@@ -7,7 +7,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from torchrender.quality.pages import write_record, write_text
 from torchrender.report.common.command import study_parser, write_named
 from torchrender.report.common.progress import part
 from torchrender.report.distributed import batches, streams
+from torchrender.report.distributed.cluster import haproxy_file
 from torchrender.report.distributed.many import many_record, many_rows, price_rows
 from torchrender.report.distributed.reckoning import check_rows
 from torchrender.report.distributed.stream_rows import lost_rows, stream_rows
@@ -32,6 +35,9 @@ PARTS: dict[str, Measure] = {
     ),
     "server": lambda quick, _: streams.server_record(streams.QUICK if quick else streams.StreamEffort()),
     "replicas": lambda quick, _: streams.replica_record(streams.QUICK if quick else streams.StreamEffort()),
+    "haproxy": lambda quick, _: streams.replica_record(
+        streams.QUICK if quick else streams.StreamEffort(), haproxy=True
+    ),
     "lost": lambda quick, _: streams.lost_record(streams.QUICK if quick else streams.StreamEffort()),
     "many": lambda quick, parts: many_record(_found(parts, "replicas"), quick),
 }
@@ -39,16 +45,18 @@ TABLES: tuple[tuple[str, tuple[str, ...], Callable[[dict[str, Any]], list[Row]]]
     ("Batches on one machine", ("batch",), batches.local_rows),
     ("Batches by Ray Data", ("ray-batch",), batches.ray_rows),
     ("Batches that are killed", ("killed",), batches.killed_rows),
-    ("Streams over two replicas", ("server", "replicas"), stream_rows),
+    ("Streams over two replicas behind Ray's proxy", ("server", "replicas"), stream_rows),
+    ("Streams over two replicas behind HAProxy", ("server", "haproxy"), partial(stream_rows, of="haproxy")),
     ("Replicas that go", ("lost",), lost_rows),
-    ("The simulation", ("replicas",), check_rows),
+    ("The simulation, Ray's proxy", ("replicas",), check_rows),
+    ("The simulation, HAProxy", ("haproxy",), partial(check_rows, of="haproxy")),
     ("Many sessions, reckoned", ("many",), many_rows),
     ("What it costs", ("many", "batch"), price_rows),
 )
 
 
-def run(folder: Path, quick: bool, names: Sequence[str] = tuple(PARTS)) -> list[Path]:
-    """Measure parts and write the page with all that are there.
+def run(folder: Path, quick: bool, names: Sequence[str] = ()) -> list[Path]:
+    """Measure parts, without names all that this machine can, and write the page with all that are there.
 
     Raises:
         OptionError: an unknown part. MissingExtraError: a part needs Ray, which is not installed.
@@ -61,7 +69,7 @@ def run(folder: Path, quick: bool, names: Sequence[str] = tuple(PARTS)) -> list[
         record = json.loads(data.read_text())
     except FileNotFoundError:
         record = {"parts": {}}
-    for name in names or tuple(PARTS):
+    for name in names or _measurable():
         with part(name):
             measured = PARTS[name](quick, record["parts"])
         record["parts"][name] = {"machine": machine_record(), "quick": quick, "found": measured}
@@ -69,6 +77,13 @@ def run(folder: Path, quick: bool, names: Sequence[str] = tuple(PARTS)) -> list[
     page_file = folder / "distributed.md"
     write_text(page_file, page(record["parts"]))
     return [data, page_file]
+
+
+def _measurable() -> tuple[str, ...]:
+    if haproxy_file() is None:
+        sys.stderr.write("haproxy: left out, the program is not installed\n")
+        return tuple(name for name in PARTS if name != "haproxy")
+    return tuple(PARTS)
 
 
 def _found(parts: dict[str, Any], name: str) -> dict[str, Any]:
