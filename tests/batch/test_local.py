@@ -21,7 +21,7 @@ from torchrender.batch.folder import MANIFEST, alone_in, open_folder
 from torchrender.batch.local import TRIES, BatchError
 from torchrender.batch.said import MOST_TOLD
 from torchrender.batch.work import ChunkMaker
-from torchrender.errors import ImageFileError, InputError, LightWarning, OptionError, SceneWarning
+from torchrender.errors import ImageFileError, InputError, LightWarning, OptionError, RepairedWarning, SceneWarning
 from torchrender.raster import rasterize
 from torchrender.scene.cameras.path import built_in_path
 from torchrender.scene.load import load
@@ -170,6 +170,22 @@ def test_shards_hold_the_files_of_a_chunk_and_no_time_of_day(tmp_path: Path) -> 
         assert sorted(arrays) == sorted(wanted)
         for name in wanted:
             np.testing.assert_array_equal(arrays[name], wanted[name][0].numpy())
+
+
+def test_names_of_shards_are_those_of_samples(tmp_path: Path) -> None:
+    """WebDataset takes a name up to its first dot: two pictures of one film would be one sample."""
+    long = "n" * 180  # more than plain tar headers hold
+    with pytest.warns(RepairedWarning, match="'frame.0001' and 1 more: WebDataset takes names up to the first dot"):
+        asked = job(3, what="depth", shards=True, names=("frame.0001", "frame.0002", long), chunk=3)
+    assert asked.names == ("frame_0001", "frame_0002", long)
+    made = ChunkMaker(SCENE, asked, tmp_path).make(0)
+    assert made["files"] == ChunkMaker(SCENE, asked, tmp_path).make(0)["files"]
+    with tarfile.open(tmp_path / "shard_000000.tar") as shard:
+        assert shard.getnames() == ["frame_0001.npz", "frame_0002.npz", f"{long}.npz"]
+    with pytest.warns(RepairedWarning), pytest.raises(InputError, match="'a_b' is there twice"):
+        job(2, what="depth", shards=True, names=("a.b", "a_b"))
+    with pytest.raises(InputError, match="no plain file name"):
+        job(1, names=("ä" * 150,))  # of 300 bytes, more than file systems take
 
 
 @pytest.mark.parametrize("kind", ["exr", "npz"])

@@ -59,6 +59,24 @@ def test_wishes_and_resync(server: RunningServer) -> None:
         assert [k.id for k in client.kept] == sorted(k.id for k in client.kept) and len(client.kept) == 2
 
 
+def test_views_are_drawn_from_keyframes_of_one_state_of_the_scene(server: RunningServer) -> None:
+    """What a program has moved, or an animation, is not seen twice."""
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=1, overscan=1.2, keep=2) as client:
+        earlier = still_keyframe(client)
+        client.wish(layers=0)
+        client.send_pose(moved(client.camera, 0.3))
+        newest = client.receive()
+        assert (earlier.revision, earlier.scene_s) == (newest.revision, newest.scene_s) == (0, None)
+        aside = moved(client.camera, -0.2)
+        both = client.view(aside)
+        assert int(both.source.max()) >= len(newest.images), "the earlier one fills what the newest does not reach"
+        for other in ({"revision": 1}, {"scene_s": 0.5}):
+            client.kept[-1] = replace(newest, **other)
+            alone = client.view(aside)
+            assert int(alone.source.max()) < len(newest.images)
+            assert float(alone.valid.float().mean()) < float(both.valid.float().mean())
+
+
 def test_reconnecting_keeps_the_keyframes(server: RunningServer) -> None:
     client = StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=0)
     still_keyframe(client)
@@ -93,6 +111,10 @@ def test_bad_cameras(server: RunningServer) -> None:
     with StreamClient.connect(server.url, "cornell_box", size=SIZE, camera={"name": "close"}) as client:
         with pytest.raises(InputError, match="single perspective camera"):
             client.send_pose(client.camera[[0, 0]])
+        skewed = client.camera.intrinsics.clone()
+        skewed[:, 0, 1] = 4.0
+        with pytest.raises(InputError, match=r"camera: messages tell no skew, intrinsics\[0, 1\] must be 0, got 4"):
+            client.send_pose(replace(client.camera, intrinsics=skewed))
         for name in ("velocity", "spin"):
             with pytest.raises(InputError, match=f"{name} must be finite"):
                 client.send_pose(client.camera, **{name: (0.0, float("nan"), 0.0)})

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from torchrender.checks import check_choice
-from torchrender.errors import InputError, OptionError
+from torchrender.errors import InputError, OptionError, RepairedWarning
 from torchrender.pipeline.options import RenderOptions, shadow_choices
 from torchrender.raster import OUTPUTS as ARRAYS
 from torchrender.scene.camera import Cameras
@@ -23,6 +24,8 @@ KINDS = ("pictures", "depth", "film")
 FORMATS = {"pictures": ("png", "exr", "npz"), "depth": ("npz",), "film": ("png",)}
 OUTPUTS = ("depth", "normal", "object_id")
 WISHES = ("reflections", "supersample", "tone_map", "exposure", "background", "shadows", "shadow_size", "cascades")
+LONGEST = 200
+"""Bytes of a name: file systems take 255, endings and temporary names included."""
 FORBIDDEN = '/\\:*?"<>|\0\n'
 CHUNK = 32
 """Cameras that one process makes in a row, and that one shard or one part of a film holds."""
@@ -51,7 +54,8 @@ class Job:
         what: "pictures", "depth" (arrays of ``outputs``), or "film" (pictures that reuse reflections of the one before;
             every chunk begins with a key frame, so that chunks do not depend on each other).
         format: "png" (default of pictures and films), "exr" or "npz" (the only one of depth).
-        shards: write one tar file for each chunk, as WebDataset reads them, in place of single files.
+        shards: write one tar file for each chunk, as WebDataset reads them, in place of single files. It takes a
+            member's name up to the first dot: dots of names become "_", which a warning says.
         outputs: attributes of :class:`~torchrender.buffers.GBuffer` that depth images hold.
         wishes: options of pictures: reflections, supersample, tone_map, exposure, background, shadows, shadow_size,
             cascades. Time limits are none of them: what they choose depends on the machine.
@@ -87,6 +91,8 @@ class Job:
         names = tuple(self.names) or tuple(f"{number:06d}" for number in range(count))
         if len(names) != count:
             raise InputError(f"names: there must be one for each of {count} cameras, got {len(names)}")
+        if self.shards:
+            names = _undotted(names)
         object.__setattr__(self, "names", names)
         _check_names(names)
         self.options()
@@ -148,7 +154,19 @@ def options_of(wishes: Mapping[str, Any]) -> RenderOptions:
 
 def plain_name(name: str) -> bool:
     """Whether a file can be called so everywhere."""
-    return bool(name) and not name.startswith(".") and not any(c in name for c in FORBIDDEN) and len(name) <= 200
+    if not name or name.startswith(".") or any(c in name for c in FORBIDDEN):
+        return False
+    return len(name.encode(errors="surrogatepass")) <= LONGEST
+
+
+def _undotted(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of samples of WebDataset."""
+    dotted = [name for name in names if "." in name]
+    if dotted:
+        more = f" and {len(dotted) - 1} more" if len(dotted) > 1 else ""
+        said = f"names: {dotted[0]!r}{more}: WebDataset takes names up to the first dot: '_' stands for dots in shards"
+        warnings.warn(RepairedWarning(said), stacklevel=4)
+    return tuple(name.replace(".", "_") for name in names)
 
 
 def _check_names(names: tuple[str, ...]) -> None:

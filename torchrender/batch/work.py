@@ -101,7 +101,7 @@ def _npz(arrays: dict[str, Any]) -> bytes:
 
 
 def _write_shard(path: Path, members: Iterator[tuple[str, bytes]]) -> None:
-    with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as shard:
+    with tarfile.open(path, "w", format=tarfile.PAX_FORMAT) as shard:
         for name, data in members:
             told = tarfile.TarInfo(name)
             told.size, told.mtime, told.mode = len(data), 0, 0o644

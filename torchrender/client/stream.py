@@ -11,7 +11,6 @@ import urllib.parse
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -20,16 +19,16 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as open_socket
 
-from torchrender.buffers import DepthImages
 from torchrender.checks import as_vector
 from torchrender.client.drawing import draw_keyframes
+from torchrender.client.keyframe import StreamedKeyframe, keyframe_of
 from torchrender.client.mirrors import draw_with_mirrors
 from torchrender.client.session import StreamClosed, StreamError, closed, post_session
 from torchrender.errors import InputError
 from torchrender.reconstruct.reproject import Reprojection, ReprojectOptions
 from torchrender.scene.camera import Cameras
 from torchrender.wire.cameras import cameras_of, header_of
-from torchrender.wire.containers import KeyframeImage, decode_keyframe, depth_images_of
+from torchrender.wire.containers import KeyframeImage, decode_keyframe
 from torchrender.wire.errors import CodecError
 from torchrender.wire.messages import (
     MAJOR,
@@ -53,26 +52,6 @@ from torchrender.wire.messages import (
 
 MAX_MESSAGE_BYTES = 2**26
 FROM_SERVER = (Type.WELCOME, Type.KEYFRAME, Type.ERROR, Type.BYE)
-
-
-@dataclass(frozen=True, eq=False)
-class StreamedKeyframe:
-    """One keyframe: the picture of a camera and extra layers around it."""
-
-    id: int
-    pose: int  # number of the pose that asked for it, -1: none
-    still: bool  # a refinement of a view that stands still
-    samples: int  # pictures whose mean its colours are
-    scene_s: float | None  # seconds into the scene's animation; None: it stands as its file does
-    images: tuple[KeyframeImage, ...]  # layer 0 first
-    mirror: KeyframeImage | None  # what the mirrors of layer 0 show, where it seems to be
-    plan: Mapping[str, Any] | None  # what ran and why
-    bytes: int  # of all messages
-    latency_ms: float  # from sending the pose to having decoded layer 0
-
-    def depth_images(self) -> DepthImages:
-        """All layers (N,H,W) as depth images of the package; sky is a surface very far away."""
-        return depth_images_of(self.images)
 
 
 class StreamClient:
@@ -178,7 +157,7 @@ class StreamClient:
         """Tell where the view is; returns the pose's number.
 
         Args:
-            camera: a single perspective camera.
+            camera: a single perspective camera without skew.
             velocity: scene units per second, world axes. spin: radians per second about the camera's axes.
             moving: False: the view stands still, a refinement is welcome.
 
@@ -242,21 +221,22 @@ class StreamClient:
         """The kept keyframes as other cameras see them, computed here.
 
         The newest picture goes first; what it does not reach comes from its extra layers and earlier keyframes of the
-        same time. What mirrors show moves as mirrored points do, where the keyframe tells it. ``source`` counts the
-        newest keyframe's images first, then those of the one before it, and so on.
+        same time and revision of the scene. What mirrors show moves as mirrored points do, where the keyframe tells it.
+        ``source`` counts the newest keyframe's images first, then those of the one before it, and so on.
 
         Raises:
             InputError: nothing was received yet.
         """
         if not self.kept:
             raise InputError("nothing was received yet: call receive() first")
-        now = [keyframe for keyframe in reversed(self.kept) if keyframe.scene_s == self.kept[-1].scene_s]
+        newest = self.kept[-1]
+        state = newest.scene_s, newest.revision
+        now = [one for one in reversed(self.kept) if (one.scene_s, one.revision) == state]
         images = [image for keyframe in now for image in keyframe.images]
         images = [image for image in images if image.depth.shape == images[0].depth.shape]
-        mirror = self.kept[-1].mirror
-        if mirror is not None:
-            return draw_with_mirrors(images, mirror, camera, options=options)
-        return draw_keyframes(images, camera, options=options)
+        if newest.mirror is None:
+            return draw_keyframes(images, camera, options=options)
+        return draw_with_mirrors(images, newest.mirror, camera, options=options)
 
     def close(self) -> None:
         """Say goodbye; the session ends."""
@@ -291,19 +271,7 @@ class StreamClient:
         self._parts.append((image, received.size))
         if len(self._parts) < header.layers:
             return None
-        first = self._parts[0][0].header
-        made = StreamedKeyframe(
-            id=first.id,
-            pose=first.pose,
-            still=first.still,
-            samples=first.samples,
-            scene_s=first.scene_s,
-            images=tuple(p for p, _ in self._parts if not p.header.mirrors),
-            mirror=next((p for p, _ in self._parts if p.header.mirrors), None),
-            plan=first.plan,
-            bytes=sum(size for _, size in self._parts),
-            latency_ms=self._first_ms,
-        )
+        made = keyframe_of(self._parts, self._first_ms)
         self._parts.clear()
         self.kept.append(made)
         return made

@@ -33,9 +33,20 @@ def cameras_of(header: CameraHeader) -> Cameras:
     return Cameras(pose[None], k[None], header.width, header.height, near, far)
 
 
+def is_skewed(camera: Cameras) -> bool:
+    """Whether a single camera's columns of pixels are not perpendicular to its rows."""
+    return float(camera.intrinsics[0, 0, 1]) != 0.0
+
+
 def header_of(camera: Cameras) -> CameraHeader:
-    """The header of a single perspective camera."""
+    """The header of a single perspective camera.
+
+    Raises:
+        CameraError: its pixels are skewed, which no message can tell.
+    """
     k = camera.intrinsics[0]
+    if is_skewed(camera):
+        raise CameraError(f"camera: messages tell no skew, intrinsics[0, 1] must be 0, got {float(k[0, 1]):g}")
     return CameraHeader(
         world_from_camera=tuple(camera.world_from_camera[0].reshape(-1).tolist()),
         fx=float(k[0, 0]),

@@ -13,7 +13,7 @@ from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.voxels.surface import voxelize_surface
-from torchrender.wire.cameras import header_of
+from torchrender.wire.cameras import header_of, is_skewed
 
 CELLS = 96
 """Along the longest side of the scene."""
@@ -64,7 +64,7 @@ def survey(scene: Scene) -> dict[str, Any]:
     cameras = {}
     for name in list(scene.cameras)[:MAX_CAMERAS]:
         camera = scene.camera(name, width=SIZE[0], height=SIZE[1])
-        if not camera.orthographic:
+        if not camera.orthographic and not is_skewed(camera):
             cameras[name[:80]] = msgspec.to_builtins(header_of(camera))
     return {
         "cameras": cameras,
