@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -11,6 +12,7 @@ from torch import Tensor
 
 import torchrender as tr
 from torchrender.errors import GradientError
+from torchrender.reconstruct.hybrid import reconstruct_grid, reconstruct_hybrid
 
 CAMERA = tr.Cameras.look_at([1.5, 1.5, 2], [0, 0, 0], width=12, height=10)
 BOX = tr.Mesh.box(1.0)
@@ -105,6 +107,26 @@ LOST: dict[str, tuple[Callable[[], object], str]] = {
         lambda: tr.Environment(radiance=torch.ones(4, 8, 3), rotation_deg=wanted(value=40.0)),
         "an environment gives no gradient to rotation_deg",
     ),
+    "strength of the sky": (
+        lambda: tr.Environment(radiance=torch.ones(4, 8, 3), intensity=wanted(value=2.0)),
+        "an environment gives no gradient to intensity",
+    ),
+    "height of a haze": (
+        lambda: tr.Medium(low=[-1, -1, -1], high=[1, 1, 1], floor=wanted(value=0.5)),
+        "a medium gives no gradient to floor",
+    ),
+    "panes": (
+        lambda: tr.render(
+            scene(materials=[tr.Material(metallic=0.0, transmission=0.8, transmission_texture=wanted(2, 2, 3))]), CAMERA
+        ),
+        "render gives no gradient to transmission_texture of material",
+    ),
+    "bumps of mirrors": (
+        lambda: tr.render(
+            scene(materials=[tr.Material(metallic=0.5, roughness=0.5, normal_texture=wanted(2, 2, 3))]), CAMERA
+        ),
+        "render with reflections .there is reflections='off'. gives no gradient to normal_texture of material",
+    ),
     "box of a shadow": (
         lambda: tr.soft_shadow(scene(), AREA, tr.rasterize(scene(), CAMERA), bounds=wanted(2, 3) * EDGES),
         "soft_shadow gives no gradient to bounds",
@@ -141,10 +163,47 @@ def test_what_gives_none_says_so(name: str) -> None:
         call()  # says that none is wanted
 
 
-def test_reprojection_refuses_depths_that_ask_for_gradients() -> None:
+def asking(buffers: Any, field: str) -> Any:
+    return replace(buffers, **{field: getattr(buffers, field).clone().requires_grad_()})
+
+
+@pytest.mark.parametrize(("call", "field", "told"), [
+    (lambda images: tr.reproject(images, CAMERA), "depth", "reproject gives no gradient to images.depth"),
+    (lambda images: tr.reproject(images, CAMERA), "normal", "reproject gives no gradient to images.normal"),
+    (reconstruct_hybrid, "depth", "reconstruct_hybrid gives no gradient to images.depth"),
+    (reconstruct_grid, "position", "reconstruct_grid gives no gradient to images.position"),
+    (lambda images: tr.sample_offset_images(scene(), images), "depth", "sample_offset_images gives no gradient"),
+])  # fmt: skip
+def test_depth_images_that_ask_for_gradients_are_refused(call: Callable[[Any], object], field: str, told: str) -> None:
     images = tr.sample_depth_images(scene(), CAMERA)
-    with pytest.raises(GradientError, match="reproject gives no gradient to depth"):
-        tr.reproject(replace(images, depth=images.depth.clone().requires_grad_()), CAMERA)
+    with pytest.raises(GradientError, match=told):
+        call(asking(images, field))
+    with torch.no_grad():
+        call(asking(images, field))
+
+
+@pytest.mark.parametrize(("call", "field", "told"), [
+    (lambda seen: tr.soft_shadow(scene(), AREA, seen), "position", "soft_shadow gives no gradient to gbuffer.position"),
+    (lambda seen: tr.soft_shadow(scene(), AREA, seen), "normal", "soft_shadow gives no gradient to gbuffer.normal"),
+    (lambda seen: tr.flow(seen, tr.rasterize(scene(), CAMERA)), "depth", "flow gives no gradient to a.depth"),
+    (lambda seen: tr.flow(tr.rasterize(scene(), CAMERA), seen), "depth", "flow gives no gradient to b.depth"),
+    (lambda seen: tr.visibility(CAMERA, seen), "position", "visibility gives no gradient to gbuffer.position"),
+])  # fmt: skip
+def test_g_buffers_that_ask_for_gradients_are_refused(call: Callable[[Any], object], field: str, told: str) -> None:
+    seen = tr.rasterize(scene(), CAMERA)
+    with pytest.raises(GradientError, match=told):
+        call(asking(seen, field))
+
+
+def test_bumps_of_what_does_not_mirror_carry_gradients_by_default() -> None:
+    bumps = (torch.full((2, 2, 3), 0.5) + torch.tensor([0.1, 0.0, 0.5])).requires_grad_()
+    floor = tr.Mesh(
+        vertices=[[-2.0, 0, -2], [-2, 0, 2], [2, 0, 2], [2, 0, -2]],
+        faces=[[0, 1, 2], [0, 2, 3]],
+        uv=[[0.0, 0], [1, 0], [1, 1], [0, 1]],
+    )
+    tr.render(scene(floor, materials=[tr.Material(normal_texture=bumps)]), CAMERA).radiance.sum().backward()
+    assert bumps.grad is not None and float(bumps.grad.abs().sum()) > 0
 
 
 def test_lists_are_taken_where_arrays_are() -> None:

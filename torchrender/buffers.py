@@ -6,7 +6,7 @@ Empty pixel: depth +inf, id -1, normal 0, everything else 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum
 from functools import cached_property
@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import is_whole
+from torchrender.checks import check_no_gradient, is_whole
 from torchrender.scene.camera import Cameras
 
 SEEN = 2.0**-22
@@ -46,6 +46,17 @@ class VisibilityBuffer:
     def covered(self) -> Tensor:
         """(B,H,W) bool: a surface is there."""
         return self.triangle >= 0
+
+
+def check_fixed_buffers(function: str, name: str, buffers: object, *, but: Sequence[str] = ()) -> None:
+    """Refuse images whose fields ask for a gradient that ``function`` does not give.
+
+    Raises:
+        GradientError: names the function and the field.
+    """
+    # Of its dictionary: fields that are made when they are looked at stay as they are.
+    values = {f"{name}.{field}": value for field, value in vars(buffers).items() if field not in but}
+    check_no_gradient(function, **values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,7 @@ from PIL import Image
 from torchrender.errors import ImageFileError, InputError
 from torchrender.images import files as image_io
 from torchrender.images.exr import upsample_chroma
-from torchrender.images.files import read_image, read_image_bytes, write_image, write_npz
+from torchrender.images.files import read_image, read_image_bytes, write_bytes, write_image, write_npz
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
 
 # Kind, size (W,H,C) and largest value, from the description of the data. Decoders differ by half a step of the
@@ -198,3 +199,13 @@ def test_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Mo
         write_image(target, torch.ones(2, 2, 3))
     assert target.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.exr"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its names are shorter")
+def test_names_as_long_as_files_may_have_are_taken_and_longer_ones_refused(tmp_path: Path) -> None:
+    longest = tmp_path / ("n" * 251 + ".png")
+    write_bytes(longest, b"1")
+    assert longest.read_bytes() == b"1"
+    with pytest.raises(ImageFileError, match="cannot be written"):
+        write_bytes(tmp_path / ("n" * 260 + ".png"), b"1")
+    assert list(tmp_path.iterdir()) == [longest]

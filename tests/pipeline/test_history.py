@@ -25,6 +25,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.environment import Environment
 from torchrender.scene.light import DirectionalLight, PointLight
 from torchrender.scene.material import Material
+from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 
 TRACED = RenderOptions(reflections="traced")
@@ -333,3 +334,40 @@ def test_views_leap_or_follow() -> None:
     assert not RenderHistory().leaps_to(camera()) and not history.leaps_to(camera(0.6))
     turned = Cameras.look_at([0.3, 0.1, 3.0], [2.5, 0.0, 1.0], width=48, height=48, fov_deg=50.0)
     assert history.leaps_to(camera(4.0)) and history.leaps_to(turned) and history.leaps_to(camera()[[0, 0]])
+
+
+def sky_with_sun(turn: float) -> Environment:
+    radiance = torch.full((32, 64, 3), 0.2)
+    radiance[8, 16:18] = 900.0
+    return Environment(radiance=radiance, rotation_deg=turn)
+
+
+def test_shadows_follow_the_sun_of_an_environment() -> None:
+    """It is no light of the scene as it is given; maps of the sun before it left its shadow where it was."""
+    ball = Mesh.sphere(0.4, [0.0, 0.6, 0.0])
+    given = Scene(meshes=[Mesh.plane(6.0), ball], materials=[Material()], environment=sky_with_sun(0.0))
+    view = Cameras.look_at([0.0, 4.0, 3.0], [0.0, 0.0, 0.0], width=48, height=48, fov_deg=50.0)
+    history = RenderHistory()
+    environments = (*(sky_with_sun(turn) for turn in (0.0, 60.0, 150.0)), Environment.constant(torch.ones(3)))
+    seen = []
+    for environment in environments:
+        scene = given.replace(environment=environment)
+        image = render(scene, view, history=history)
+        assert image.history is not None
+        history = image.history
+        torch.testing.assert_close(image.radiance, render(scene, view).radiance, rtol=1e-3, atol=1e-3)
+        seen.append(image.radiance)
+    assert float((seen[0] - seen[1]).abs().max()) > 0.2, "the shadow went elsewhere"
+
+
+def test_shadows_follow_a_light_that_a_scene_gets_and_loses() -> None:
+    """The default light is none of the scene as it is given either; where it stays, its maps do."""
+    dark = Scene(meshes=[Mesh.plane(6.0), Mesh.sphere(0.4, [0.0, 0.6, 0.0])], materials=[Material()])
+    view = Cameras.look_at([0.0, 4.0, 3.0], [0.0, 0.0, 0.0], width=48, height=48, fov_deg=50.0)
+    first = render(dark, view, history=RenderHistory()).history
+    assert first is not None and first.scene is not None
+    held = first.of_scene(dark.replace(materials=[Material(diffuse=torch.full((3,), 0.3))]))
+    assert held.scene is not first.scene and held.get(SHADOW_MAP) is first.get(SHADOW_MAP) is not None
+    lit = dark.replace(environment=sky_with_sun(150.0))
+    image = render(lit, view, history=first)
+    torch.testing.assert_close(image.radiance, render(lit, view).radiance, rtol=1e-3, atol=1e-3)

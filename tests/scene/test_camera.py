@@ -197,3 +197,15 @@ def test_wrong_shapes_and_values_are_named():
         Cameras(good.camera_from_world, good.intrinsics, 4, 4, 0.1, math.inf, orthographic=True)
     with pytest.raises(CameraError, match="points"):
         good.project(torch.zeros(5, 2))
+
+
+def test_pixels_that_do_not_fit_are_refused_by_name() -> None:
+    one = Cameras.look_at([0, 0, 3], [0, 0, 0], width=8, height=6)
+    for pixels in (torch.zeros(5, 2), torch.zeros(1, 5, 3), torch.zeros(2)):
+        with pytest.raises(CameraError, match=r"pixels must have shape \(1, ..., 2\), got"):
+            one.rays(pixels)
+    with pytest.raises(CameraError, match=r"depth must have shape \(1, ...\), got \(6, 8\)"):
+        one.unproject(one.pixel_centres(), torch.ones(6, 8))
+    with pytest.raises(CameraError, match=r"pixels must have shape \(1, 6, 7, 2\) as depth has, got \(6, 8, 2\)"):
+        one.unproject(one.pixel_centres(), torch.ones(1, 6, 7))
+    assert one.rays(torch.zeros(1, 0, 2))[0].shape == (1, 0, 3)

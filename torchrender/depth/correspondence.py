@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.buffers import GBuffer
+from torchrender.buffers import GBuffer, check_fixed_buffers
 from torchrender.checks import check_choice, check_class
 from torchrender.errors import InputError
 from torchrender.rays import RayCaster
@@ -57,6 +57,7 @@ def visibility(cameras: Cameras, gbuffer: GBuffer, shape: Shape | RayCaster | No
     """
     check_class("cameras", cameras, Cameras)
     check_class("gbuffer", gbuffer, GBuffer)
+    check_fixed_buffers("visibility", "gbuffer", gbuffer)
     count = _fit(len(cameras), len(gbuffer.depth))
     position = gbuffer.position.expand(count, *gbuffer.position.shape[1:])
     covered = gbuffer.covered.expand(count, *gbuffer.covered.shape[1:])
@@ -86,6 +87,8 @@ def flow(a: GBuffer, b: GBuffer, *, method: str = "rays") -> Flow:
     check_choice("method", method, METHODS)
     check_class("a", a, GBuffer)
     check_class("b", b, GBuffer)
+    for name, given in (("a", a), ("b", b)):
+        check_fixed_buffers("flow", name, given)
     count = _fit(len(b.depth), len(a.depth))
     if count != len(a.depth):
         raise InputError(f"b must have 1 or {len(a.depth)} pictures, got {len(b.depth)}")

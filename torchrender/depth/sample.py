@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from torchrender.buffers import DepthImages
+from torchrender.buffers import DepthImages, check_fixed_buffers
 from torchrender.checks import check_class, options_of
 from torchrender.depth.conventional import conventional
 from torchrender.depth.nonredundant import pixel_nonredundant
@@ -58,8 +58,7 @@ def sample_offset_images(scene: Scene, images: DepthImages) -> DepthImages:
     """
     check_class("scene", scene, Scene)
     check_class("images", images, DepthImages)
-    if not isinstance(images, DepthImages):
-        raise InputError(f"images must be DepthImages, as sample_depth_images makes them, got {type(images).__name__}")
+    check_fixed_buffers("sample_offset_images", "images", images)
     options = SamplingOptions(**images.parameters)
     own = images.cameras
     cameras = own.sub_camera(-0.5, -0.5, own.width + 1, own.height + 1)

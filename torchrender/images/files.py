@@ -10,6 +10,7 @@ import os
 import secrets
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -207,7 +208,8 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """
     if not path.parent.is_dir():
         raise ImageFileError(path, f"folder {path.parent} does not exist")
-    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(6)}{path.suffix}")
+    # Short, so that whatever may be a file's name has room for it.
+    temporary = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
     try:
         write(temporary)
         os.replace(temporary, path)
@@ -215,7 +217,8 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     except (OSError, RuntimeError) as error:
         raise ImageFileError(path, f"cannot be written ({error})") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

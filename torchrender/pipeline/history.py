@@ -38,7 +38,7 @@ class Kept:
     picture: int  # its number in the sequence
 
     def holds(self, scene: Scene, options: RenderOptions | None = None) -> bool:
-        """It was made from the same; ``options`` None: whatever they are."""
+        """It was made from the same, as it is rendered; ``options`` None: whatever they are."""
         lasting = self.buffer.lasting
         assert lasting is not None
         if not same(self.scene, lasting.scene(scene)):
@@ -58,9 +58,10 @@ class RenderHistory:
       them, the ray caster is brought up to date; so is what mirrors show, but of places that light reaches past what
       moved, and with the eye standing still the same goes for shadows;
     - other meshes, or another material with holes: nothing is kept;
-    - other lights or shadow options: the ray caster is kept;
-    - another material, environment, ambient light, medium or background, or other options of reflections: the ray
-      caster and the shadow maps are kept.
+    - other lights (the sun of an environment is one, so is the light of a scene that has none) or shadow options: the
+      ray caster is kept;
+    - another material, environment without a sun, ambient light, medium or background, or other options of
+      reflections: the ray caster and the shadow maps are kept.
     """
 
     given: Scene | None = None  # as it came
@@ -97,9 +98,9 @@ class RenderHistory:
     def get(self, buffer: Buffer[T], options: RenderOptions | None = None) -> T | None:
         """What is kept of a buffer, if it was made from the same scene, and with ``options`` from the same of these."""
         kept = self.kept.get(buffer.name)
-        if kept is None or kept.buffer is not buffer or self.given is None:
+        if kept is None or kept.buffer is not buffer or self.scene is None:
             return None
-        return buffer.checked(kept.value) if kept.holds(self.given, options) else None
+        return buffer.checked(kept.value) if kept.holds(self.scene, options) else None
 
     def last(self, buffer: Buffer[T]) -> T | None:
         """What was kept of a buffer, whether it still holds or not: for who knows how to bring it up to date."""
@@ -125,12 +126,12 @@ class RenderHistory:
         self, made: Iterable[tuple[Buffer[Any], Any]], options: RenderOptions, cameras: Cameras | None = None
     ) -> RenderHistory:
         """After a picture, by these cameras, that made these."""
-        assert self.given is not None
+        assert self.given is not None and self.scene is not None
         number = self.pictures + 1
-        kept = {name: one for name, one in self.kept.items() if one.holds(self.given)}
+        kept = {name: one for name, one in self.kept.items() if one.holds(self.scene)}
         for buffer, value in made:
             if buffer.lasting is not None:
-                origin = buffer.lasting.scene(self.given), buffer.lasting.options(options)
+                origin = buffer.lasting.scene(self.scene), buffer.lasting.options(options)
                 kept[buffer.name] = Kept(buffer, value, *origin, options, number)
         return replace(self, kept=kept, pictures=number, drawn=self.given.meshes, seen_from=cameras)
 

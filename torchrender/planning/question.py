@@ -227,7 +227,8 @@ class Question:
     def kept(self) -> frozenset[str]:
         """Names of what an earlier picture of the scene left."""
         past = self.knowledge.outlook.history
-        return frozenset(name for name, one in past.kept.items() if past.given is not None and one.holds(past.given))
+        scene = past.scene
+        return frozenset() if scene is None else frozenset(n for n, one in past.kept.items() if one.holds(scene))
 
     @cached_property
     def lost(self) -> Mapping[tuple[str, str], frozenset[object]]:

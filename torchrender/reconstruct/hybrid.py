@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from torchrender.arrays import view
-from torchrender.buffers import DepthImages
+from torchrender.buffers import DepthImages, check_fixed_buffers
 from torchrender.checks import check_class
 from torchrender.kernels.warp import corner_mesh
 from torchrender.kernels.warp.corners import DIAGONAL, FIRST, SECOND
@@ -98,6 +98,9 @@ def reconstruct_hybrid(
         InputError: orthographic cameras, or offset images of other views.
     """
     check_class("images", images, DepthImages)
+    for name, given in (("images", images), ("offset_images", offset_images)):
+        if given is not None:
+            check_fixed_buffers("reconstruct_hybrid", name, given, but=("color",))
     return mesh_of_quads(fit_corners(images, offset_images, options), colors=colors)
 
 
@@ -108,6 +111,7 @@ def reconstruct_grid(
 
     Simple and smooth, but isolated samples vanish and every depth edge loses half a pixel.
     """
+    check_fixed_buffers("reconstruct_grid", "images", images, but=("color",))
     return mesh_of_quads(fit_grid(images, options), colors=colors)
 
 

@@ -16,12 +16,11 @@ from torch.utils.weak import WeakIdKeyDictionary
 
 from torchrender.arrays import Recycler, view
 from torchrender.brief import brief
-from torchrender.buffers import DepthImages
+from torchrender.buffers import DepthImages, check_fixed_buffers
 from torchrender.checks import (
     check_choice,
     check_class,
     check_finite,
-    check_no_gradient,
     check_range,
     check_tensor,
     checked_fields,
@@ -174,7 +173,7 @@ def _checked(source: DepthImages, cameras: Cameras, colors: Tensor | None) -> Te
         told = "the images hold no colours, so all is black: sample them with shade=True, or give colors"
         warnings.warn(told, ColorWarning, stacklevel=3)
     colors = check_tensor("colors", source.color if colors is None else colors, (*source.depth.shape, 3))
-    check_no_gradient("reproject", depth=source.depth)
+    check_fixed_buffers("reproject", "images", source, but=("color",))
     if not colors.is_floating_point():
         raise InputError(f"colors must hold floats in linear light, got {colors.dtype}")
     _looked_at(colors)

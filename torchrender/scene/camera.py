@@ -163,9 +163,17 @@ class Cameras(CameraDoors):
         """World points (B,...,3) float64 of pixel coordinates (B,...,2) (or (H,W,2)) at camera depth (B,...).
 
         Infinite depth gives infinite or NaN coordinates: mask empty pixels first.
+
+        Raises:
+            CameraError: pixels and depth are not of one shape, or not of as many cameras.
         """
-        depth = depth.to(torch.float64)
-        x, y = self._plane_coordinates(pixels.to(torch.float64).expand(*depth.shape, 2))
+        depth = self._of_cameras("depth", depth, 0)
+        try:
+            pixels = pixels.to(torch.float64).expand(*depth.shape, 2)
+        except RuntimeError as error:
+            told = f"pixels must have shape {(*depth.shape, 2)} as depth has, got {tuple(pixels.shape)}"
+            raise CameraError(told) from error
+        x, y = self._plane_coordinates(pixels)
         camera = torch.stack([x, y, torch.ones_like(x)], dim=-1)
         if self.orthographic:
             camera[..., 2] = depth
@@ -183,10 +191,14 @@ class Cameras(CameraDoors):
 
         Directions have camera z = 1, so the ray parameter *is* camera depth; normalise them to get ray length.
         Orthographic origins lie in the plane z = 0.
+
+        Raises:
+            CameraError: pixels of another number of cameras, or without two coordinates.
         """
         if pixels is None:
             pixels = self.pixel_centres().expand(len(self), self.height, self.width, 2)
-        x, y = self._plane_coordinates(pixels.to(torch.float64))
+        pixels = self._of_cameras("pixels", pixels, 2)
+        x, y = self._plane_coordinates(pixels)
         inverse, count = self.world_from_camera, math.prod(pixels.shape[1:-1])
         if self.orthographic:
             flat = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(len(self), count, 3)
@@ -254,6 +266,13 @@ class Cameras(CameraDoors):
         if points.shape[0] != len(self):
             raise CameraError(f"points must have a first dimension of {len(self)}, got {tuple(points.shape)}")
         return points.reshape(len(self), math.prod(points.shape[1:-1]), size), tuple(points.shape)
+
+    def _of_cameras(self, name: str, values: Tensor, size: int) -> Tensor:
+        """(B,...,size) float64, or (B,...) for size 0."""
+        if values.dim() < (2 if size else 1) or values.shape[0] != len(self) or (size and values.shape[-1] != size):
+            wanted = f"({len(self)}, ..., {size})" if size else f"({len(self)}, ...)"
+            raise CameraError(f"{name} must have shape {wanted}, got {tuple(values.shape)}")
+        return values.to(torch.float64)
 
     def _plane_coordinates(self, pixels: Tensor) -> tuple[Tensor, Tensor]:
         k = self.intrinsics.reshape(len(self), *([1] * (pixels.dim() - 2)), 3, 3)

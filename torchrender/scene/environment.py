@@ -54,8 +54,8 @@ class Environment:
         if self.shown is not None:
             object.__setattr__(self, "shown", self._checked("shown", self.shown))
         told = f"environment {self.name!r}"
+        check_no_gradient("an environment", intensity=self.intensity, rotation_deg=self.rotation_deg)
         check_range(f"{told}: intensity", self.intensity, 0.0, LARGEST)
-        check_no_gradient("an environment", rotation_deg=self.rotation_deg)
         check_range(f"{told}: rotation_deg", self.rotation_deg, -LARGEST, LARGEST)
         if float(self.radiance.detach().amax()) * self.intensity > LARGEST:
             raise InputError(f"{told}: radiance times intensity must be at most {LARGEST:g}")

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.checks import as_array, as_vector, check_choice, check_finite, check_range
+from torchrender.checks import as_array, as_vector, check_choice, check_finite, check_no_gradient, check_range
 from torchrender.errors import InputError
 
 SCALES = ("both", "absorption")
@@ -66,6 +66,7 @@ class Medium:
         for name in ("absorption", "scattering", "emission"):
             if bool((getattr(self, name) < 0).any()):
                 raise InputError(f"medium {self.name!r}: {name} must not be negative")
+        check_no_gradient("a medium", asymmetry=self.asymmetry, falloff=self.falloff, floor=self.floor)
         check_range(f"medium {self.name!r}: asymmetry", self.asymmetry, -0.99, 0.99)
         check_choice(f"medium {self.name!r}: density_scales", self.density_scales, SCALES)
         check_range(f"medium {self.name!r}: falloff", self.falloff, 0.0)

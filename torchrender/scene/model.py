@@ -244,8 +244,8 @@ class Scene:
         """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""
         if self.is_lit:
             return self
-        sun = DirectionalLight(direction=torch.tensor([0.5, -1.0, -0.4]), irradiance=torch.full((3,), 1.9))
-        return self._relit(lights=(sun,), environment=_studio())
+        sun, sky = _studio()
+        return self._relit(lights=(sun,), environment=sky)
 
     def with_sun_apart(self) -> Scene:
         """This scene, or if its environment shows a sun, a copy in which that is a light and casts shadows."""
@@ -280,11 +280,12 @@ BRIGHT = 0.5
 
 
 @cache
-def _studio() -> Environment:
-    """What lights a scene without light, beside its sun: brighter from above. Kept: what is made of it lasts."""
+def _studio() -> tuple[DirectionalLight, Environment]:
+    """What lights a scene without light: a sun, and a sky brighter from above. Kept: what is made of them lasts."""
     with torch.inference_mode(False):
+        sun = DirectionalLight(direction=torch.tensor([0.5, -1.0, -0.4]), irradiance=torch.full((3,), 1.9))
         radiance = torch.linspace(0.55, 0.15, 16)[:, None, None].expand(16, 2, 3).contiguous()
-        return Environment(radiance=radiance, fill=True, name="studio")
+        return sun, Environment(radiance=radiance, fill=True, name="studio")
 
 
 def resized(camera: Cameras, width: int, height: int) -> Cameras:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
+from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState, check_fixed_buffers
 from torchrender.checks import check_class, check_tensor
 from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
 from torchrender.rays import RayCaster
@@ -144,6 +144,7 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
     """The reflective pixels of a G-buffer, or those of them in ``mask`` (B,H,W) bool."""
     check_class("scene", scene, Scene)
     check_class("gbuffer", gbuffer, GBuffer)
+    check_fixed_buffers("reflective_pixels", "gbuffer", gbuffer)
     chosen = reflective(scene, gbuffer)
     if mask is not None:
         chosen = chosen & check_tensor("mask", mask, tuple(chosen.shape))

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from torchrender.arrays import view as numpy_view
 from torchrender.brief import brief
-from torchrender.buffers import GBuffer, RaySurface, position_error
+from torchrender.buffers import GBuffer, RaySurface, check_fixed_buffers, position_error
 from torchrender.checks import check_choice, check_class, check_no_gradient, check_range, checked_fields, options_of
 from torchrender.effects.shadows.light_packets import Packets, packet_bits
 from torchrender.effects.shadows.light_rays import LightRays, samples_above, usable
@@ -202,6 +202,7 @@ def soft_shadow(
         InputError: no light, or ``bounds`` not finite. GradientError: a light's place asks for a gradient.
     """
     check_class("gbuffer", gbuffer, GBuffer, RaySurface)
+    check_fixed_buffers("soft_shadow", "gbuffer", gbuffer)
     options = options_of(options, SoftShadowOptions)
     lights = several("lights", lights, (RectLight,))
     if not lights:

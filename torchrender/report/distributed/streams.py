@@ -166,13 +166,12 @@ async def looking(server: ServerUnderTest, count: int, seconds: float, *, period
         ]
         await asyncio.sleep(max(1.0, seconds / 4))
         before, made = [len(c.latencies_s) for c in clients], [c.received for c in clients]
-        spent = cpu_s(server)
-        arrived = sum(c.bytes for c in clients), sum(c.received for c in clients)
+        spent, size = cpu_s(server), sum(c.bytes for c in clients)
         begin = time.perf_counter()
         await asyncio.sleep(seconds)
         took = time.perf_counter() - begin
         renderers, rest = (b - a for a, b in zip(spent, cpu_s(server), strict=True))
-        arrived = sum(c.bytes for c in clients) - arrived[0], sum(c.received for c in clients) - arrived[1]
+        size, keyframes = sum(c.bytes for c in clients) - size, sum(c.received for c in clients) - sum(made)
         for look in looks:
             look.cancel()
         await asyncio.gather(*looks, return_exceptions=True)
@@ -181,10 +180,10 @@ async def looking(server: ServerUnderTest, count: int, seconds: float, *, period
     return {
         "sessions": count,
         "period_s": period_s,
-        "keyframes_per_s": arrived[1] / took,
+        "keyframes_per_s": keyframes / took,
         "latency_ms": [1e3 * percentile(times, share) for share in (0.5, 0.95)],
         "render_ms": [statistics.fmean(rendered), statistics.pstdev(rendered)] if rendered else [0.0, 0.0],
-        "keyframe_bytes": arrived[0] / max(1, arrived[1]),
+        "keyframe_bytes": size / max(1, keyframes),
         "renderer_cpu_s": renderers / took,
         "other_cpu_s": rest / took,
     }
