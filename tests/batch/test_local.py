@@ -17,7 +17,8 @@ import torch
 
 from torchrender.batch import Job, SceneSource, run
 from torchrender.batch.digest import scene_digest
-from torchrender.batch.folder import MANIFEST, alone_in, open_folder
+from torchrender.batch.folder import alone_in, open_folder
+from torchrender.batch.job import MANIFEST
 from torchrender.batch.local import TRIES, BatchError
 from torchrender.batch.said import MOST_TOLD
 from torchrender.batch.work import ChunkMaker
@@ -170,6 +171,15 @@ def test_shards_hold_the_files_of_a_chunk_and_no_time_of_day(tmp_path: Path) -> 
         assert sorted(arrays) == sorted(wanted)
         for name in wanted:
             np.testing.assert_array_equal(arrays[name], wanted[name][0].numpy())
+
+
+def test_results_do_not_overwrite_what_the_folder_needs() -> None:
+    with pytest.raises(InputError, match=r"'cameras' would overwrite cameras\.npz, which the folder of a batch needs"):
+        job(2, what="depth", names=("a", "cameras"))
+    with pytest.raises(InputError, match="'Cameras' would overwrite"):
+        job(1, what="depth", names=("Cameras",))
+    assert job(1, names=("cameras",)).format == "png"
+    assert job(1, what="depth", shards=True, names=("cameras",)).shards
 
 
 def test_names_of_shards_are_those_of_samples(tmp_path: Path) -> None:

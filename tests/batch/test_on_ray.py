@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from torchrender.batch import Job, SceneSource
-from torchrender.batch.folder import LOCK, MANIFEST
+from torchrender.batch.folder import LOCK
+from torchrender.batch.job import MANIFEST
 from torchrender.batch.work import ChunkMaker
 from torchrender.errors import MissingExtraError
 from torchrender.scene.cameras.path import built_in_path

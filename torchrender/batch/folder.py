@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from torchrender.batch.job import Job, SceneSource
+from torchrender.batch.job import CAMERAS, JOB, MANIFEST, Job, SceneSource
 from torchrender.errors import ImageFileError, InputError, SceneFileError
 from torchrender.image import camera_arrays
 from torchrender.images.files import write_atomically, write_bytes
@@ -28,7 +28,6 @@ try:
 except ImportError:  # not on Windows
     fcntl = None  # type: ignore[assignment]
 
-JOB, CAMERAS, MANIFEST = "job.json", "cameras.npz", "manifest.jsonl"
 LOCK = ".running"
 """Locked by the process that writes the batch, for as long as it lives."""
 

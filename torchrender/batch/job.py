@@ -24,6 +24,8 @@ KINDS = ("pictures", "depth", "film")
 FORMATS = {"pictures": ("png", "exr", "npz"), "depth": ("npz",), "film": ("png",)}
 OUTPUTS = ("depth", "normal", "object_id")
 WISHES = ("reflections", "supersample", "tone_map", "exposure", "background", "shadows", "shadow_size", "cascades")
+JOB, CAMERAS, MANIFEST = "job.json", "cameras.npz", "manifest.jsonl"
+"""Files of a batch's folder beside its results."""
 LONGEST = 200
 """Bytes of a name: file systems take 255, endings and temporary names included."""
 FORBIDDEN = '/\\:*?"<>|\0\n'
@@ -95,6 +97,8 @@ class Job:
             names = _undotted(names)
         object.__setattr__(self, "names", names)
         _check_names(names)
+        if not self.shards:
+            _check_files(names, self.format)
         self.options()
 
     @property
@@ -123,6 +127,12 @@ class Job:
             digest.update(values.numpy().tobytes())
         digest.update(repr((cameras.width, cameras.height, cameras.orthographic)).encode())
         return digest.hexdigest()
+
+
+def _check_files(names: tuple[str, ...], ending: str) -> None:
+    for name in names:
+        if f"{name}.{ending}".casefold() in (JOB, CAMERAS, MANIFEST):
+            raise InputError(f"names: {name!r} would overwrite {name}.{ending}, which the folder of a batch needs")
 
 
 def check_outputs(what: str, outputs: Sequence[str]) -> None:

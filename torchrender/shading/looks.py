@@ -16,7 +16,7 @@ from torchrender.kernels.shading.records import CHANNEL, LEVELS, MATERIAL, SLOT,
 from torchrender.numerics.texels.coded import codes_of, room_for, state_of, tables
 from torchrender.numerics.texels.levels import CodedPyramid
 from torchrender.numerics.texture import Pyramid, channels_of, pyramid_of
-from torchrender.scene.material import FILTERS, PLAIN, WRAPS, Material, Sampler
+from torchrender.scene.material import FILTERS, PHYSICAL_TEXTURES, PLAIN, WRAPS, Material, Sampler
 from torchrender.scene.material_table import MaterialTable
 from torchrender.shading.surface import METALLIC, PHONG
 
@@ -25,7 +25,7 @@ Array = np.ndarray[Any, Any]
 _KINDS = (np.float32, np.uint8, np.uint16)
 _KEPT: WeakIdKeyDictionary = WeakIdKeyDictionary()
 PHONG_TEXTURES = ("diffuse_texture", "emission_texture", "specular_texture", "occlusion_texture", "normal_texture")
-METALLIC_TEXTURES = (*PHONG_TEXTURES, "metallic_roughness_texture", "clearcoat_texture")
+METALLIC_TEXTURES = (*PHONG_TEXTURES, *PHYSICAL_TEXTURES)
 SKIPPED = {"metallic_roughness_texture": 1}
 """Leading channels that nobody reads."""
 

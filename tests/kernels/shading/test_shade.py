@@ -28,12 +28,13 @@ from torchrender.kernels.shading import (
     spread,
 )
 from torchrender.kernels.shading.pack import pack_planes
-from torchrender.kernels.shading.records import MATERIAL, MOST_KINDS, SLOT, SLOTS, SPAN, TILE, Work
+from torchrender.kernels.shading.records import CHANNEL, MATERIAL, MOST_KINDS, SLOT, SLOTS, SPAN, TILE, Work
 from torchrender.numerics.ggx import dielectric_fresnel
 from torchrender.raster import rasterize, rasterize_visibility, surface_attributes
 from torchrender.rays import RayCaster
+from torchrender.renderer import render
 from torchrender.scene.camera import Cameras
-from torchrender.scene.material import Material
+from torchrender.scene.material import TEXTURES, Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
 from torchrender.shading.fused import send_fused
@@ -61,6 +62,20 @@ def check(found: Sent, wanted: Sent, covered: Tensor) -> None:
 def factors(scene: Scene, count: int) -> Tensor:
     generator = torch.Generator().manual_seed(0)
     return (torch.rand(len(scene.lights), count, generator=generator) * 3 - 1).clamp(0, 1)
+
+
+def test_all_textures_of_materials_are_among_those_that_are_compared() -> None:
+    """The kernel once knew nothing of ``transmission_texture``: what it let pass was missing from pictures."""
+    used = {name for name in TEXTURES for material in scene_of_all().materials if getattr(material, name) is not None}
+    assert used == set(TEXTURES) == set(CHANNEL)
+
+
+def test_where_the_texture_lets_nothing_pass_a_surface_is_as_without() -> None:
+    closed = Material(metallic=0.0, roughness=0.6, transmission=1.0, transmission_texture=torch.zeros(2, 2, 1))
+    open_ = replace(closed, transmission=0.0, transmission_texture=None)
+    pictures = [render(scene_of_all(LAMP).replace(materials=[one] * 8), views()).radiance for one in (closed, open_)]
+    assert float(pictures[1].mean()) > 0.05
+    torch.testing.assert_close(*pictures, rtol=1e-5, atol=1e-5)
 
 
 @pytest.mark.parametrize("coded", [True, False])

@@ -28,7 +28,7 @@ from torchrender.kernels.shading.spread import spread
 NX, NY, NZ, SX, SY, SZ = (SLOT[n] for n in ("NX", "NY", "NZ", "SX", "SY", "SZ"))
 EX, EY, EZ, LX, LY, LZ = (SLOT[n] for n in ("EX", "EY", "EZ", "LX", "LY", "LZ"))
 BR, BG, BB, OR, HR, HG, HB, HA = (SLOT[n] for n in ("BR", "BG", "BB", "OR", "HR", "HG", "HB", "HA"))
-OC, RO, ME, CC = (SLOT[n] for n in ("OC", "RO", "ME", "CC"))
+OC, RO, ME, CC, TM = (SLOT[n] for n in ("OC", "RO", "ME", "CC", "TM"))
 DR, DG, DB, SR, SG, SB, AM, VS, SH = (SLOT[n] for n in ("DR", "DG", "DB", "SR", "SG", "SB", "AM", "VS", "SH"))
 FR, FG, FB, FH, KR, KG, KB = (SLOT[n] for n in ("FR", "FG", "FB", "FH", "KR", "KG", "KB"))
 WR, WG, WB, MR, MG, MB = (SLOT[n] for n in ("WR", "WG", "WB", "MR", "MG", "MB"))
@@ -36,7 +36,7 @@ LO, HI, HC, HD, IN, NV, MA, AB = (SLOT[n] for n in ("LO", "HI", "HC", "HD", "IN"
 SL, CL, TH, NE, YR, YG, YB = (SLOT[n] for n in ("SL", "CL", "TH", "NE", "YR", "YG", "YB"))
 TA, TU, TV, FL = (SLOT[n] for n in ("TA", "TU", "TV", "FL"))
 DIELECTRIC, WEIGHT, SHEEN, SHEEN_ROUGHNESS = (MATERIAL[n] for n in ("dielectric", "weight", "sheen", "sheen_roughness"))
-TRANSMISSION, DEGREE, LOBE = (MATERIAL[n] for n in ("transmission", "degree", "lobe"))
+DEGREE, LOBE = MATERIAL["degree"], MATERIAL["lobe"]
 SLOWED, EXCESS = MATERIAL["slowed"], MATERIAL["excess"]
 SMOOTHEST, LEAST_COSINE, COAT_F0, COAT_SLOWED = f4(0.045), f4(1e-3), f4(0.04), f4(1.25)
 
@@ -116,7 +116,7 @@ def open_share(eye, seen, roughness):
 @kernel(counted=False)
 def look_up(work, n, looks, sky, cloth):
     """What :func:`mix` needs from tables: albedos into KR, KG, HC, HD, their means into FR, FG, FB, MA, numbers of the
-    materials into SL, FH, TH, NE, WR, WG, LO.
+    materials into SL, FH, NE, WR, WG, LO.
     """
     s, mat, numbers, table, mean = work.s, work.mat, looks.numbers, sky.albedo, sky.mean
     last = f4(mean.shape[0] - 1)
@@ -133,7 +133,6 @@ def look_up(work, n, looks, sky, cloth):
         s[FR + i], s[FG + i], s[FB + i], s[MA + i] = weighed(mean, (j, j + np.int64(4)), (ONE - v, v))
     spread(work, n, SL, numbers, DIELECTRIC)
     spread(work, n, FH, numbers, WEIGHT)
-    spread(work, n, TH, numbers, TRANSMISSION)
     spread(work, n, NE, numbers, SLOWED)
     spread(work, n, WR, numbers, EXCESS)
     spread(work, n, WG, numbers, EXCESS + 1)
@@ -158,7 +157,7 @@ def mix(s, n):
         a, b, mean_a, mean_b = s[KR + i], s[KG + i], s[FR + i], s[FG + i]
         first, second = s[WR + i], s[WG + i]
         excess, mean_excess = first * s[HC + i] + second * s[HD + i], first * s[FB + i] + second * s[MA + i]
-        metal, weight, matte = s[ME + i], s[FH + i] * s[HA + i], (ONE - s[ME + i]) * (ONE - s[TH + i])
+        metal, weight, matte = s[ME + i], s[FH + i] * s[HA + i], (ONE - s[ME + i]) * (ONE - s[TM + i])
         high, pure = weight + metal * (ONE - weight), weight * (ONE - metal)
         lost = ONE / max(a + b, f4(1e-3)) - ONE
         se = s[SX + i] * s[EX + i] + s[SY + i] * s[EY + i] + s[SZ + i] * s[EZ + i]

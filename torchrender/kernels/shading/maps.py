@@ -13,12 +13,12 @@ from torchrender.kernels.shading.spread import spread
 
 U, V, LV, U1, V1, L1, VS = (SLOT[n] for n in ("U", "V", "LV", "U1", "V1", "L1", "VS"))
 OC, RO, ME, QX, QY, QZ = (SLOT[n] for n in ("OC", "RO", "ME", "QX", "QY", "QZ"))
-CC, CK, HR, HA, OR = (SLOT[n] for n in ("CC", "CK", "HR", "HA", "OR"))
+CC, CK, TM, HR, HA, OR = (SLOT[n] for n in ("CC", "CK", "TM", "HR", "HA", "OR"))
 NX, NY, NZ, GX, GY, GZ = (SLOT[n] for n in ("NX", "NY", "NZ", "GX", "GY", "GZ"))
 EX, EY, EZ, TX, TY, TZ, TW = (SLOT[n] for n in ("EX", "EY", "EZ", "TX", "TY", "TZ", "TW"))
 NORMAL_SCALE, OCCLUSION, EMISSION, TINT = (MATERIAL[n] for n in ("normal_scale", "occlusion", "emission", "tint"))
 METALLIC, ROUGHNESS, COAT = MATERIAL["metallic"], MATERIAL["roughness"], MATERIAL["coat"]
-DEGREE, WEIGHT = MATERIAL["degree"], MATERIAL["weight"]
+DEGREE, WEIGHT, TRANSMISSION = MATERIAL["degree"], MATERIAL["weight"], MATERIAL["transmission"]
 TA, TU, TV = (SLOT[n] for n in ("TA", "TU", "TV"))
 FINER, COARSER, ACROSS, DOWN = (SLOT[n] for n in ("FR", "WR", "HC", "HD"))
 SHARE, LEVEL, FOUND = (SLOT[n] for n in ("IN", "NV", "LA"))
@@ -42,6 +42,7 @@ def constants(work, n, looks, physical):
         spread(work, n, ME, numbers, METALLIC)
         spread(work, n, CC, numbers, COAT)
         spread(work, n, CK, numbers, COAT + 1)
+        spread(work, n, TM, numbers, TRANSMISSION)
     for slot in (OC, HA, QX, QY, QZ):
         for i in range(n):
             s[slot + i] = ONE

@@ -22,7 +22,7 @@ _SLOTS = (
     # texture coordinates and log2 of footprints, twice; tangent
     "U V LV U1 V1 L1 TX TY TZ TW "
     # what textures multiply, see CHANNEL
-    "BR BG BB OR OG OB HR HG HB HA OC RO ME QX QY QZ CC CK "
+    "BR BG BB OR OG OB HR HG HB HA OC RO ME QX QY QZ CC CK TM "
     # sums of diffuse and mirrored light; the light at hand; exponent
     "DR DG DB SR SG SB AM VS LX LY LZ SH "
     # of metallic-roughness, see lobes
@@ -38,7 +38,7 @@ SLOTS = len(_SLOTS)
 CHANNEL = {
     "diffuse_texture": "BR BG BB", "emission_texture": "OR OG OB", "specular_texture": "HR HG HB HA",
     "occlusion_texture": "OC", "metallic_roughness_texture": "- RO ME", "normal_texture": "QX QY QZ",
-    "clearcoat_texture": "CC CK",
+    "clearcoat_texture": "CC CK", "transmission_texture": "TM",
 }  # fmt: skip
 """Where the channels of each texture go."""
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from torchrender.batch import Job, Outcome, SceneSource, run
-from torchrender.batch.folder import MANIFEST
+from torchrender.batch.job import MANIFEST
 from torchrender.errors import TorchRenderError
 from torchrender.report.distributed.cluster import command_line, cpu_s, descendants
 from torchrender.scene.cameras.path import built_in_path
