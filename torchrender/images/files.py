@@ -207,7 +207,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """
     if not path.parent.is_dir():
         raise ImageFileError(path, f"folder {path.parent} does not exist")
-    temporary = path.with_name(f".{path.stem}-{secrets.token_hex(6)}{path.suffix}")
+    temporary = _temporary(path)
     try:
         write(temporary)
         os.replace(temporary, path)
@@ -216,6 +216,29 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         raise ImageFileError(path, f"cannot be written ({error})") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Find out before the work whether :func:`write_atomically` can write a file; none is left behind.
+
+    Raises:
+        ImageFileError: the folder does not exist or takes no file of that name, or a folder stands in its place.
+    """
+    if not path.parent.is_dir():
+        raise ImageFileError(path, f"folder {path.parent} does not exist")
+    if path.is_dir():
+        raise ImageFileError(path, "cannot be written (there is a folder of that name)")
+    temporary = _temporary(path)
+    try:
+        temporary.open("xb").close()
+        temporary.unlink()
+    except OSError as error:
+        raise ImageFileError(path, f"cannot be written ({error.strerror or error})") from error
+
+
+def _temporary(path: Path) -> Path:
+    """A name beside a file, for what becomes that file."""
+    return path.with_name(f".{path.stem}-{secrets.token_hex(6)}{path.suffix}")
 
 
 def write_bytes(path: Path, data: bytes) -> None:
