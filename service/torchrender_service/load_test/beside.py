@@ -24,7 +24,7 @@ EVERY_S = 0.25
 """Each honest session asks for a keyframe so often: one takes about 8 ms of a core, so all together need less than half
 of what one renderer can do on two cores, and their delay is that of pictures, not of a queue of their own making. The
 more of them, the less does p95 depend on two or three."""
-SETTLE_S = 1.5
+SETTLE_S = 0.5
 """What the attack before left to do, and the start of the next one's process, are no part of what was before it."""
 RESTING, REST_S, LONGEST_REST_S = 0.1, 1.0, 20.0
 """Cores that the renderers without sessions take together when all have started, for how long that is looked at, and
@@ -124,8 +124,8 @@ async def _watched(
     """
     seen = Watched()
     for number in range(times.rounds[1]):
-        await _until_rested(server)
         async with player(server, attack.name) as playing:
+            await _until_rested(server)
             await asyncio.sleep(SETTLE_S)
             seen.quiet.append(await watch(server, sessions, asyncio.sleep(times.quiet_s)))
 
