@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+import pytest
 import torch
 
+import torchrender as tr
 from torchrender.arrays import Recycler, view
+from torchrender.errors import InputError
 
 SHAPE = (300, 300)
 
@@ -69,3 +74,36 @@ def test_no_more_is_kept_than_asked_for() -> None:
     assert sum(a.nbytes for a in memory._arrays) <= 1 << 20
     assert memory.empty((1 << 10, 1 << 10), np.float64).shape == (1 << 10, 1 << 10), "larger than all that is kept"
     assert memory.empty((0, 5), np.float32).size == 0
+
+
+@pytest.fixture
+def double() -> Iterator[None]:
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
+def _made() -> list[torch.Tensor]:
+    """What a program makes that says no type anywhere."""
+    found = []
+    for name in ("cornell_box", "washroom"):
+        scene = tr.load(name)
+        found += [
+            tr.render(scene, width=32, height=24).radiance,
+            tr.render(scene, width=32, height=24, budget_ms=1e6).radiance,
+        ]
+    ball = tr.Scene(meshes=[tr.Mesh.sphere(0.5)], lights=[tr.PointLight(position=[1, 2, 3], intensity=9)])
+    camera = tr.Cameras.look_at([0, 0, 3], [0, 0, 0], width=24, height=16)
+    tr.plan(ball, camera)
+    position = torch.linspace(-1, 1, 150, dtype=torch.float64).reshape(50, 3).sin()
+    return [*found, tr.render(ball, camera).radiance, tr.render_points(tr.PointCloud(position=position), camera).image]
+
+
+def test_pictures_do_not_depend_on_the_default_type(request: pytest.FixtureRequest) -> None:
+    wanted = _made()
+    request.getfixturevalue("double")
+    for found, single in zip(_made(), wanted, strict=True):
+        assert found.dtype is torch.float32 and torch.equal(found, single)
+    with pytest.raises(InputError):
+        tr.render("cornell_box", width=-1)
+    assert torch.get_default_dtype() is torch.float64, "the program's own stays"

@@ -1,13 +1,37 @@
-"""Tensors as numpy arrays: what compiled kernels read."""
+"""Tensors as numpy arrays: what compiled kernels read; and of which type they are where nobody says."""
 
 from __future__ import annotations
 
+import functools
 import sys
 import threading
-from typing import Any
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+import torch
 from torch import Tensor
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def in_single_precision(function: Callable[P, R]) -> Callable[P, R]:
+    """A public function that computes in float32 where nothing else is said, also in a program that has set another
+    default type of PyTorch: that is the default again when it returns."""
+
+    @functools.wraps(function)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> R:
+        usual = torch.get_default_dtype()
+        if usual is torch.float32:
+            return function(*args, **kwargs)
+        torch.set_default_dtype(torch.float32)
+        try:
+            return function(*args, **kwargs)
+        finally:
+            torch.set_default_dtype(usual)
+
+    return inside
 
 
 def view(tensor: Tensor, dtype: type | np.dtype[Any]) -> np.ndarray[Any, Any]:

@@ -87,17 +87,20 @@ def check_no_gradient(function: str, **inputs: object) -> None:
 
 
 def check_range(name: str, value: float, low: float, high: float = math.inf) -> float:
-    """Return ``value`` if ``low <= value <= high``; NaN never passes.
-
-    Raises:
-        OptionError: no number, or outside the range; the message names the option and the range.
-    """
+    """Return ``value`` if ``low <= value <= high``, which NaN never is; else an OptionError names option and range."""
     if not is_number(value):
         raise OptionError(f"{name} must be a number, got {value!r}")
     if not low <= value <= high:
         limit = f">= {low}" if high == math.inf else f"in [{low}, {high}]"
         raise OptionError(f"{name} must be {limit}, got {value}")
     return value
+
+
+def check_count(name: str, value: object, low: int, high: float = math.inf) -> int:
+    """As :func:`check_range`, for integers of Python or NumPy alone."""
+    if not is_whole(value):
+        raise OptionError(f"{name} must be an integer, got {value!r}")
+    return int(check_range(name, value, low, high))
 
 
 def is_number(value: object) -> bool:
@@ -193,7 +196,6 @@ def as_array(
 
 
 # ---------------------------------------------------------------- fields of options
-
 Kind = TypeVar("Kind", bound=type)
 Accepts = Callable[[Any], bool]
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from torch import Tensor
 
+from torchrender.arrays import in_single_precision
 from torchrender.buffers import GBuffer
 from torchrender.checks import options_of
 from torchrender.clock import StepClock
@@ -65,6 +66,7 @@ def render(
     width: int | None = None,
     height: int | None = None,
 ) -> PointImage: ...
+@in_single_precision
 def render(
     scene: Scene | PointCloud | PatchSet | str | Path,
     camera: Cameras | str | None = None,
@@ -180,6 +182,7 @@ class LitSamples:
     history: RenderHistory  # what lasts, for further samples and pictures of the scene
 
 
+@in_single_precision
 def light_of_samples(
     scene: Scene, samples: GBuffer, options: RenderOptions | None = None, history: RenderHistory | None = None
 ) -> LitSamples:
@@ -199,6 +202,7 @@ def light_of_samples(
     return LitSamples(radiance, plan, run.history(plan).shared())
 
 
+@in_single_precision
 def make_buffers(
     scene: Scene,
     cameras: Cameras,

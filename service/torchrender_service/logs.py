@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -109,13 +109,35 @@ _JOB: ContextVar[_Job | None] = ContextVar("job", default=None)
 
 
 @contextmanager
-def hearing(scene: str) -> Iterator[None]:
-    """Warnings of this thread are those of a job about a scene, until the block ends; :func:`heard` tells them."""
-    token = _JOB.set(_Job(scene))
+def hearing(scene: str) -> Iterator[Mapping[str, type[Warning]]]:
+    """Warnings of this thread are those of a job about a scene, until the block ends; :func:`heard` tells them, and so
+    does what the block is given, by text."""
+    job = _Job(scene)
+    token = _JOB.set(job)
     try:
-        yield
+        yield job.said
     finally:
         _JOB.reset(token)
+
+
+def pass_on(said: Mapping[str, type[Warning]]) -> None:
+    """What was heard elsewhere on behalf of the job of this thread, and is logged already, is heard by that, too."""
+    job = _JOB.get()
+    if job is not None:
+        job.said.update(said)
+
+
+@contextmanager
+def collecting() -> Iterator[list[str]]:
+    """All warnings inside, of any kind, each text once, in a list that is full when the block ends. They are shown, or
+    logged, as they would have been without it."""
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        yield texts
+    texts += dict.fromkeys(str(one.message) for one in said)
+    for one in said:
+        warnings.showwarning(one.message, one.category, one.filename, one.lineno)
 
 
 def heard(*but: type[Warning]) -> list[str]:

@@ -59,7 +59,8 @@ def test_a_film_is_put_together(inside, tmp_path) -> None:
      (("--orbit", 999999999), "--orbit has 999999999 cameras, a batch at most 250000"),
      (("--orbit", 2, "--what", "noise"), "what"), (("--orbit", 2, "--outputs", "depth"), "without --what depth"),
      (("--orbit", 2, "--fps", 9), "nothing without --what film"), (("--orbit", 2, "--frames", 9), "without --path"),
-     (("--orbit", 2, "--what", "depth", "--outputs", "noise"), "outputs must be"),
+     (("--orbit", 2, "--what", "depth", "--outputs", "noise"), "--outputs must be"),
+     (("--orbit", 2, "--what", "depth", "--outputs", ""), "--outputs must name at least one of "),
      (("--cameras", "none.json"), "no such file")],
 )  # fmt: skip
 def test_wrong_wishes_are_refused(tmp_path, capsys, words, message) -> None:

@@ -13,7 +13,8 @@ import pytest
 from gltf_builder import Glb
 from torchrender.cli import main as cli
 from torchrender.cli import output
-from torchrender.errors import NotUsedWarning
+from torchrender.errors import ImageFileError, NotUsedWarning
+from torchrender.images import files
 from torchrender.images.files import read_image
 from torchrender.scene.load import load
 
@@ -178,3 +179,53 @@ def test_shares_of_long_steps_are_shown_to_who_watches(monkeypatch: pytest.Monke
                 show("reading", share)
                 time.sleep(0.15)
         assert ("a.ply: reading:  50%" in stream.getvalue()) == seen, stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("render", "nothing.glb", "-o", "taken.png"),
+        ("walkthrough", "nothing", "-o", "taken.trw"),
+        ("walkthrough", "nothing", "-o", "a.trw", "--ply", "taken.ply"),
+        ("style", "nothing.glb", "--photo", "nothing.png", "-o", "taken.glb"),
+        ("style", "nothing.glb", "--photo", "nothing.png", "-o", "a.glb", "--sheet", "taken.png"),
+        ("style", "nothing.glb", "--photo", "nothing.png", "--no-sheet", "-o", "taken.toml"),
+        ("style", "nothing.glb", "--photo", "nothing.png", "--no-sheet", "-o", f"{250 * 'n'}.toml"),
+        ("batch", "nothing.glb", "--orbit", "2", "-o", "file/out"),
+        ("batch", "nothing.glb", "--orbit", "2", "-o", "file"),
+        ("batch", "nothing.glb", "--orbit", "2", "--what", "film", "-o", "films"),
+        ("depth", "nothing.glb", "-o", "file/out"),
+        ("depth", "nothing.glb", "-o", "taken.npz"),
+        ("fly", "nothing.glb", "-o", "file/deep/out"),
+        ("fly", "nothing.glb", "-o", "taken.mp4"),
+        ("voxelize", "nothing.glb", "-o", "taken.vox"),
+        ("points", "nothing.ply", "-o", "taken.trp"),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_found_before_the_work(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also before the input, which is not there, is missed."""
+    monkeypatch.chdir(tmp_path)
+    for kind in ("png", "trw", "ply", "glb", "toml", "npz", "mp4", "vox", "trp"):
+        Path(f"taken.{kind}").mkdir()
+    Path("films/film.mp4").mkdir(parents=True)
+    Path("file").write_text("")
+    before = sorted(Path().rglob("*"))
+    assert run(*words) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "error: " in said
+    assert "cannot be written" in said or "is no folder" in said
+    assert sorted(Path().rglob("*")) == before, "nothing is left behind"
+
+
+@pytest.mark.parametrize("words", [("depth", "nothing.glb", "-o"), ("batch", "nothing.glb", "--orbit", "2", "-o")])
+def test_folders_that_take_no_files_are_told(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(path: Path) -> None:
+        raise ImageFileError(path, "cannot be written (Read-only file system)")
+
+    monkeypatch.setattr(files, "check_writable", refuse)
+    assert run(*words, tmp_path / "a" / "b") == 2
+    assert f"{tmp_path} takes no files: it cannot be written (Read-only" in capsys.readouterr().err

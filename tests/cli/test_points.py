@@ -97,6 +97,35 @@ def test_render_names_every_option_that_points_do_not_have(disc, tmp_path, capsy
     assert "--time does nothing" in capsys.readouterr().err
 
 
+def test_options_that_do_nothing_are_named(disc, tmp_path, capsys):
+    """Each option says so with the output, or the input, that has no use for it."""
+    ply, packed = str(disc), str(tmp_path / "disc.trp")
+    view = {"--filter": ["squares"], "--radius": ["1"], "--two-sided": [], "--background": ["1,0,0"],
+            "--camera": ["eye=2,2,6"], "--size": ["24x16"], "--exposure": ["1"], "--tone-map": ["aces"]}  # fmt: skip
+
+    def told(source, output, options):
+        words = [word for option, values in options.items() for word in (option, *values)]
+        assert main(["points", source, "-o", str(tmp_path / output), *words]) == 0
+        return {o for line in capsys.readouterr().err.splitlines() if "nothing with" in line
+                for o in re.findall(r"--[a-z-]+", line)}  # fmt: skip
+
+    assert told(ply, "disc.trp", view) == set(view)
+    assert told(ply, "a.exr", view) == {"--exposure", "--tone-map"}
+    assert told(ply, "a.png", view | {"--drop-invalid": []}) == set()
+    small = {"--size": ["24x16"]}
+    assert told(packed, "a.png", small | {"--memory": ["128"], "--drop-invalid": []}) == {"--memory", "--drop-invalid"}
+    assert told(ply, "a.png", small | {"--memory": ["128"]}) == set()
+    assert told("cornell_box", "a.png", small | {"--samples": ["99"], "--memory": ["128"]}) == {"--memory"}
+    row = "0 0 0 1 0 0 0.5\n"
+    names = "".join(f"property float {name}\n" for name in ("x", "y", "z", "red", "green", "blue", "alpha"))
+    clear = tmp_path / "clear.ply"
+    clear.write_text(f"ply\nformat ascii 1.0\nelement vertex 2\n{names}end_header\n" + row + row.replace("0", "1", 1))
+    drawn = {name: view[name] for name in ("--filter", "--radius", "--two-sided", "--size")}
+    assert told(str(clear), "a.png", drawn) == {"--filter", "--radius", "--two-sided"}
+    assert main(["points", ply, "--memory", "128", "--samples", "9", "-o", str(tmp_path / "a.png")]) == 2
+    assert "--samples is for meshes only" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "reason"),
     [

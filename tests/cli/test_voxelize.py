@@ -60,6 +60,27 @@ def test_pictures_and_vox(obj: Path, tmp_path: Path) -> None:
     assert (tmp_path / "corner.vox").read_bytes().startswith(b"VOX ")
 
 
+def test_an_outcome_without_voxels_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    empty = tmp_path / "empty.toml"
+    empty.write_text('name = "void"\n[[light]]\ntype = "point"\nposition = [0, 1, 0]\nintensity = 3\n')
+    assert run("voxelize", empty, "--resolution", 8, "-o", tmp_path / "empty.npz") == 0
+    assert "void: the scene has no triangles, so there are no voxels" in capsys.readouterr().err
+    flat = tmp_path / "flat.obj"
+    flat.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert run("voxelize", flat, "--resolution", 8, "--solid", "-o", tmp_path / "flat.npz") == 0
+    assert "flat: no cell is inside, so there are no voxels" in capsys.readouterr().err
+
+
+def test_options_of_pictures_are_named_where_none_is_made(
+    obj: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--resolution", 12, "--transparent", "--size", "40x30")
+    assert run("voxelize", obj, *words, "-o", tmp_path / "corner.vox") == 0
+    assert "--transparent, --size do nothing with .vox files" in capsys.readouterr().err
+    assert run("voxelize", obj, *words, "-o", tmp_path / "corner.png") == 0
+    assert "nothing" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

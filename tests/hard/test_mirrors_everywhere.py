@@ -129,3 +129,29 @@ def test_what_moves_is_never_the_reflection_of_before() -> None:
         history = image.history
         alone = render(scene, camera, options=options)
         torch.testing.assert_close(image.radiance, alone.radiance)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.37, 1.1])
+@pytest.mark.parametrize("way", ["traced", "auto"])
+def test_a_mirror_shows_the_floor_it_stands_on_up_to_where_they_meet(way: str, turn: float) -> None:
+    """The floor is the top of a box: no ray sees that from inside, however near to it the ray begins."""
+    c, s = math.cos(turn), math.sin(turn)
+    spun = torch.tensor([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]], dtype=torch.float64)
+    away = torch.tensor([0.123, 0.377, -0.71], dtype=torch.float64)
+    floor = box(torch.tensor([4.0, 0.4, 4.0]))
+    corners = [[-1.3, 0.0, -0.7], [1.3, 0.0, -0.7], [1.3, 1.7, -0.7], [-1.3, 1.7, -0.7]]
+    low = torch.tensor([0.0, float(floor.vertices[:, 1].max()), 0.0], dtype=torch.float64)
+    wall = torch.tensor(corners, dtype=torch.float64) @ spun.T + away
+    meshes = [
+        Mesh(vertices=(floor.vertices.double() - low) @ spun.T + away, faces=floor.faces, name="floor"),
+        Mesh(vertices=wall, faces=[[0, 1, 2], [0, 2, 3]], material=1, name="wall"),
+    ]
+    materials = [Material(diffuse=torch.full((3,), 0.6)), Material(diffuse=torch.zeros(3), specular=1.0)]
+    scene = Scene(meshes=meshes, materials=materials, ambient=torch.full((3,), 0.5))
+    eye, target = (torch.tensor(p, dtype=torch.float64) @ spun.T + away for p in ([0.6, 1.1, 2.9], [0.0, 0.3, -0.7]))
+    camera = Cameras.look_at(eye.tolist(), target.tolist(), width=480, height=360, fov_deg=45.0)
+    made = render(scene, camera, options=replace(WAYS[way], ambient_visibility="off"))
+    seen = made.gbuffer
+    foot = (seen.object_id[0] == 1) & (seen.position[0, ..., 1] < 0.3 + float(away[1]))
+    assert int(foot.sum()) > 1000
+    assert float(made.radiance[0][foot].amin()) > 0.2

@@ -18,6 +18,7 @@ from torchrender.numerics.split_sum import (
     dielectric_albedo,
     directional_albedo,
     integrate_split_sum,
+    integrated_table,
     split_sum_table,
 )
 
@@ -43,6 +44,12 @@ def mirrored(cosine: float, roughness: float, fresnel: Callable[[Tensor], Tensor
     masking = 0.5 / (vz * (a2 + (1 - a2) * z * z).sqrt() + z * math.sqrt(a2 + (1 - a2) * vz * vz))
     weight = polar.sin()[:, None] * (math.pi / 2 / heights) * (2 * math.pi / angles)
     return float((d * masking * fresnel(vh) * z * weight).sum())
+
+
+def test_the_table_that_comes_with_the_package_is_what_is_integrated() -> None:
+    table = split_sum_table()
+    assert table.shape == (TABLE_SIZE, TABLE_SIZE, 4) and table.dtype == torch.float32
+    torch.testing.assert_close(table, integrated_table(), atol=2e-7, rtol=0)
 
 
 @pytest.mark.parametrize("roughness", [0.3, 0.5, 0.8, 1.0])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 import torchrender as tr
-from torchrender.errors import CameraError, NotUsedWarning
+from torchrender.errors import CameraError, InputError, NotUsedWarning, OptionError
 from torchrender.kernels.points.blended import ENOUGH, LEAST, MOST, TILE, blend_tiles, count_tiles, fill_tiles
 from torchrender.numerics.color import srgb_from_linear
 from torchrender.points.gaussians import LOW_PASS, covariances, is_blended, project
@@ -142,6 +144,53 @@ def test_files_of_gaussians(tmp_path: Path) -> None:
     assert model.opacity.tolist() == [0.5] and model.color[0].tolist() == pytest.approx([1.0, 0.2140, 0.0], abs=1e-3)
     torch.testing.assert_close(model.spread[0], 0.16 * torch.eye(3), atol=1e-5, rtol=0)
     assert float(tr.render_points(model, CAMERA).weight.max()) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_spread_that_no_gaussian_has_is_refused() -> None:
+    """With the number of the first such point; products of float32 scales and rotations pass."""
+    axes = torch.randn(5000, 3, 3, generator=torch.Generator().manual_seed(7))
+    axes *= torch.logspace(-6, 6, 5000)[:, None, None] * torch.tensor([1.0, 1e-4, 0.0])
+    good = (axes @ axes.transpose(1, 2)).float()
+    place = torch.zeros(5000, 3)
+    assert len(tr.PointCloud(position=place, spread=good)) == 5000
+    crooked, negative, saddle = good.clone(), good.clone(), good.clone()
+    crooked[7, 0, 1] += 0.01 * good[7].trace()
+    negative[9] = -negative[9]
+    turn = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(8)))[0]
+    saddle[11] = turn @ torch.diag(torch.tensor([1.0, 2.0, -0.05])) @ turn.T
+    with pytest.raises(InputError, match=r"spread must be symmetric: 1 of 5000 points' are not, first at 7"):
+        tr.PointCloud(position=place, spread=crooked)
+    for wrong, first in ((negative, 9), (saddle, 11)):
+        with pytest.raises(InputError, match=rf"spread must be a covariance, .*: 1 of 5000 points' .* at {first}"):
+            tr.PointCloud(position=place, spread=wrong)
+
+
+def test_covariances_of_huge_gaussians_stay_covariances() -> None:
+    turn = np.random.default_rng(1).normal(size=(50, 4)).astype(np.float32)
+    scale = np.float32(10) ** np.random.default_rng(2).uniform(18, 30, (50, 3)).astype(np.float32)
+    model: Any = SimpleNamespace(rotation=turn, scale=scale)
+    spread = torch.from_numpy(covariances(model))
+    assert bool(torch.isfinite(spread).all())
+    assert len(tr.PointCloud(position=torch.zeros(50, 3), spread=spread)) == 50
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"color": [[0.5, -0.1, 0.2]]}, r"color must not be negative: 1 of 3 values are, first at 1"),
+        ({"two_sided": [True]}, "two_sided must be True or False, got"),
+        ({"name": 3}, "name of a point cloud must be text"),
+    ],
+)
+def test_clouds_say_what_is_wrong(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        tr.PointCloud(position=[[0.0, 0.0, 0.0]], **wrong)
+
+
+@pytest.mark.parametrize("count", [10.5, "9", True, 0])
+def test_samples_are_counted_in_whole_numbers(count: Any) -> None:
+    with pytest.raises(OptionError, match=r"samples must be (an integer|in \[1, )"):
+        tr.load_points("cornell_box", samples=count)
 
 
 def test_orthographic_cameras_are_refused() -> None:

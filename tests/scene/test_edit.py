@@ -10,7 +10,9 @@ import pytest
 import torch
 
 from torchrender.errors import InputError, MeshError
+from torchrender.pipeline.history import RenderHistory
 from torchrender.raster import rasterize
+from torchrender.renderer import render
 from torchrender.scene import shapes
 from torchrender.scene.camera import Cameras
 from torchrender.scene.light import PointLight
@@ -159,6 +161,40 @@ def test_arrays_that_are_written_to_after_the_first_picture_are_refused(scene) -
     with pytest.raises(InputError, match=r"vertices of mesh 'ball' were changed in place after .*with_vertices"):
         rasterize(scene, view)
     assert not torch.equal(rasterize(scene.replace(name="new"), view).depth, first.depth)
+
+
+def test_colours_that_are_written_to_in_place_show(scene) -> None:
+    """As with a new material: alone, in a sequence, and in a mirror beside."""
+    glass = Material(name="mirror", diffuse=torch.zeros(3), specular=1.0)
+    wall = Mesh(vertices=[[-3, -3, -1.5], [3, -3, -1.5], [3, 3, -1.5], [-3, 3, -1.5]], faces=[[0, 1, 2], [0, 2, 3]],
+                material=1, name="wall")  # fmt: skip
+    lamp = PointLight(position=torch.tensor([1.0, 3.0, 4.0]), intensity=torch.full((3,), 40.0))
+    paint = Material(diffuse=torch.tensor([0.8, 0.1, 0.1]))
+    scene = scene.replace(meshes=[*scene.meshes, wall], materials=[paint, glass], lights=[lamp])
+    camera = Cameras.look_at([1.5, 1.5, 5.0], [0.5, 0.5, 0.0], width=48, height=36)
+    first = render(scene, camera, history=RenderHistory())
+    paint.diffuse.copy_(torch.tensor([0.1, 0.1, 0.8]))
+    anew = Scene(meshes=scene.meshes, materials=[replace(paint), glass], lights=[lamp])
+    wanted = render(anew, camera).radiance
+    assert float((wanted - first.radiance).abs().max()) > 0.1
+    torch.testing.assert_close(render(scene, camera).radiance, wanted, atol=1e-5, rtol=1e-5)
+    wanted = render(anew, camera, history=RenderHistory()).radiance
+    torch.testing.assert_close(render(scene, camera, history=first.history).radiance, wanted, atol=1e-5, rtol=1e-5)
+
+
+def test_a_copy_keeps_what_was_found_out_about_the_scene(scene) -> None:
+    """Whatever does not depend on what is other in it, by whatever way it comes."""
+    lamp = PointLight(position=torch.ones(3), intensity=torch.ones(3))
+    found = scene.geometry, scene.material_table, scene.reflector_bounds
+    for copy in (scene.replace(lights=[lamp], name="other"), scene.with_default_light()):
+        same = copy.geometry, copy.material_table, copy.reflector_bounds
+        assert all(one is other for one, other in zip(same, found, strict=True))
+        copy.check_unchanged()
+    painted = scene.replace(materials=[Material(name="other")])
+    assert painted.geometry is not found[0] and painted.material_table is not found[1]
+    moved = scene.moved("ball", matrix())
+    assert moved.geometry is not found[0] and moved.material_table is found[1]
+    assert moved.reflector_bounds is not found[2]
 
 
 def test_normals_follow_vertices_that_move(scene) -> None:

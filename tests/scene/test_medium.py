@@ -155,3 +155,13 @@ def test_boxes_keep_their_places_far_from_the_origin() -> None:
     assert torch.equal(medium.low, low) and torch.equal(medium.high, high)
     again = medium_from_values(medium_values(medium))
     assert torch.equal(again.low, low) and torch.equal(again.high, high)
+
+
+@pytest.mark.parametrize("corner", ["low", "high"])
+def test_boxes_have_an_end(corner: str) -> None:
+    """Numbers that no length can be made of are told, before NumPy warns of them."""
+    box = {"low": torch.full((3,), -9e29), "high": torch.full((3,), 9e29)}
+    assert Medium(**box).low.tolist() == [pytest.approx(-9e29)] * 3
+    sign = -1.0 if corner == "low" else 1.0
+    with pytest.raises(InputError, match=rf"medium 'haze': {corner} must lie within ±1e\+30, got \[-?1e\+300"):
+        Medium(**{**box, corner: torch.full((3,), sign * 1e300, dtype=torch.float64)}, name="haze")

@@ -115,6 +115,25 @@ def test_new_connections_leave_turns_to_others(monkeypatch: pytest.MonkeyPatch) 
             visitor.close()
 
 
+def test_few_are_let_in_before_others_have_a_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many wait, and however quick it is; the next turn goes on with them."""
+    monkeypatch.setattr(accepting, "TURN_S", 60.0)
+    (one,) = listening("127.0.0.1", 0, Arrivals(Settings(connections_per_s=1000)))
+    one.listen(16)
+    waiting = [socket.create_connection(one.getsockname()) for _ in range(3 * accepting.AT_ONCE - 1)]
+    turns = []
+    with one, contextlib.ExitStack() as stack:
+        for _ in range(4):
+            turns.append(0)
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    stack.enter_context(one.accept()[0])
+                    turns[-1] += 1
+    for client in waiting:
+        client.close()
+    assert turns == [accepting.AT_ONCE, accepting.AT_ONCE, accepting.AT_ONCE - 1, 0]
+
+
 def test_what_is_refused_is_closed_before_anybody_looks_at_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(accepting, "TOLD_PER_S", 2)
     monkeypatch.setattr(accepting.time, "monotonic", lambda: 50.0)

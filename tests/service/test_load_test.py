@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import json
 import math
 import os
 import random
@@ -13,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +23,7 @@ import pytest
 from torchrender.quality.machine import machine_record
 from torchrender_service.load_test import beside, driver, watching
 from torchrender_service.load_test.attacks import ATTACKS, Attack
-from torchrender_service.load_test.driver import LoadClient, ServerUnderTest, percentile, processor_s
+from torchrender_service.load_test.driver import LoadClient, LoadTestError, ServerUnderTest, percentile, processor_s
 from torchrender_service.load_test.files import large_texture_glb, long_key_toml, long_name_glb
 from torchrender_service.load_test.playing import player
 from torchrender_service.load_test.rows import Effort, Row
@@ -155,7 +157,7 @@ def test_attacks_share_the_time_that_there_is(monkeypatch: pytest.MonkeyPatch) -
         "_row": row,
         "ask": lambda *_: (201, b""),
         "ASIDE_S": 0.0,
-        "STARTING_S": 0.0,
+        "SETTLE_S": 0.0,
     }.items():
         monkeypatch.setattr(beside, name, instead)
     rows: list[Any] = asyncio.run(beside.attack_rows(Effort(quick=True)))
@@ -193,7 +195,10 @@ def test_turns_go_on_until_the_limit_is_kept_or_missed_for_sure(monkeypatch: pyt
         assert seen.attacker_s == 0.5 * len(seen.loud)
         return len(seen.loud)
 
-    for name, instead in {"player": player, "SETTLE_S": 0.0, "AFTER_S": 0.0}.items():
+    async def nothing(*_: Any) -> None:
+        return
+
+    for name, instead in {"player": player, "_until_rested": nothing, "SETTLE_S": 0.0, "AFTER_S": 0.0}.items():
         monkeypatch.setattr(beside, name, instead)
     assert turns(0.010) == turns(0.020) == 1
     assert turns(0.011) == 3
@@ -263,6 +268,33 @@ def test_sessions_keep_to_the_clock_whatever_holds_one_up(monkeypatch: pytest.Mo
         asyncio.run(client.look_around(reach=0.1, period_s=0.25, begin_s=0.05))
     assert [at for at, _ in sent] == pytest.approx([100.05, 100.3, 100.8, 101.05, 101.3, 101.55])
     assert [x for _, x in sent] == [1.0, -1.0] * 3
+
+
+def test_the_renderer_that_is_killed_is_that_of_the_sessions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last one that began to be it; what else starts or computes is waited for."""
+    server = ServerUnderTest(None, 1, "127.0.0.1", 9, tmp_path / "log")
+    started = [
+        {"message": "renderer started", "renderer": n, "pid": k} for n, k in (("0", 11), ("batch", 12), ("0", 14))
+    ]
+    lines = ["listening", *map(json.dumps, started), "renderer started"]
+    (tmp_path / "log").write_text("\n".join(lines))
+    assert server.renderer_pid() == 14 and server.renderer_pid("batch") == 12
+    with pytest.raises(LoadTestError, match="no renderer 7"):
+        server.renderer_pid("7")
+    now, waited = {12: 3.0, 14: 50.0}, []
+
+    async def sleep(seconds: float) -> None:
+        waited.append(seconds)
+        now[14] += seconds  # works for the sessions
+        now[12] += 0.6 if len(waited) < 3 else 0.04
+        if len(waited) == 2:
+            now[15] = 0.5  # is there from now on
+
+    monkeypatch.setattr(ServerUnderTest, "children", lambda _: [*now])
+    monkeypatch.setattr(driver, "processor_s", lambda pid: (now[pid], 0.0))
+    monkeypatch.setattr(beside.asyncio, "sleep", sleep)
+    asyncio.run(beside._until_rested(server))
+    assert waited == [beside.REST_S] * 3
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell")

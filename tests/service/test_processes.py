@@ -74,7 +74,7 @@ while True:
     job = msgspec.msgpack.decode(task.job); name = job.get('name', job['type'])
     if name == 'hold': held[task.serial] = task
     else:
-        result = {'did': name, 'express': task.express, 'after': list(names)}
+        result = {'did': name, 'express': task.express, 'after': list(names), 'holds': len(held)}
         send(Reply(serial=task.serial, memory_mb=5.0, evictions=2, result=result))
         names.append(name)
 """
@@ -300,6 +300,25 @@ def test_the_process_that_stands_ready_takes_the_place_of_one_that_died(monkeypa
         assert stage.renderer.pid == ready and stage.spare.pid is None
         answer = await stage.renderer.submit(QUICK)
         assert answer["did"] == "quick" and answer["after"] == ["WarmUp"], "its first picture was made before"
+
+    stage.run(play())
+
+
+def test_a_first_picture_that_is_on_its_way_keeps_nobody_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that takes the place of one that died has better things to do."""
+    monkeypatch.setattr(processes, "WarmUp", lambda: HOLD)
+    stage = Stage(monkeypatch)
+
+    async def play() -> None:
+        first = await stage.ready()
+        stage.spare.prepare()
+        while stage.spare.pid is None:
+            await asyncio.sleep(0.01)
+        os.kill(first, signal.SIGKILL)
+        while stage.renderer.pid in (None, first):
+            await asyncio.sleep(0.01)
+        answer = await stage.renderer.submit(QUICK)
+        assert answer["did"] == "quick" and answer["holds"] == 0
 
     stage.run(play())
 

@@ -145,6 +145,45 @@ def test_warnings_are_lines_of_the_log_and_told_to_whoever_asked() -> None:
     ], key=str)  # fmt: skip
 
 
+AHEAD = """
+import threading, warnings
+from types import SimpleNamespace
+from torchrender.errors import NotUsedWarning
+from torchrender_service.logs import collecting, heard, hearing, set_up_logs
+from torchrender_service.renderers import scene_cache
+from torchrender_service.renderers.jobs import SceneSource
+set_up_logs("warning")
+def load(name):
+    warnings.warn(f"{name} holds more", NotUsedWarning)
+    return SimpleNamespace(name=name, materials=(), geometry=SimpleNamespace(triangle_count=1))
+scene_cache.load = load
+cache = scene_cache.SceneCache()
+for name in ("room", "box"):
+    ahead = threading.Thread(target=cache.ahead(SceneSource(id=name)))
+    ahead.start(); ahead.join()
+for name in ("box", "room", "new"):
+    for told in ([f"{name} holds more"], []):
+        with hearing(name):
+            cache.get(SceneSource(id=name))
+            assert heard() == told, (name, heard())
+with hearing("photo"):
+    with collecting() as said:
+        for _ in range(2):
+            warnings.warn("marks overlap", NotUsedWarning)
+        warnings.warn("plain", UserWarning)
+    assert said == ["marks overlap", "plain"], said
+"""
+
+
+def test_what_is_loaded_ahead_or_collected_is_told_and_logged() -> None:
+    """Warnings of a scene reach the first job about it, whoever loaded it, and the log names that scene."""
+    done = subprocess.run([sys.executable, "-c", AHEAD], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    found = [(line["message"], line.get("scene")) for line in map(json.loads, done.stderr.splitlines())]
+    scenes = [(f"{name} holds more", name) for name in ("room", "box", "new")]
+    assert found == [*scenes, ("marks overlap", "photo"), ("plain", "photo")]
+
+
 async def put_and_get() -> None:
     kept = KeptContainers(10)
     first, second = await kept.put(b"123456"), await kept.put(b"abc")

@@ -297,6 +297,37 @@ def test_moving_views_are_carried_from_the_first_picture_until_one_is_at_rest(sc
     assert not carried(renderer.make(scene, job(scene, 4, session="two", off=("shadows",))))
 
 
+def test_what_one_session_has_shaded_no_other_one_shades_again(scene, monkeypatch) -> None:
+    """Ten that look at the same after a renderer died would else keep each other waiting for a second."""
+    usual, shaded = carrying.shade_pixels, []
+
+    def noting(scene, seen, wanted, options, past):
+        shaded.append(int(wanted.sum()))
+        return usual(scene, seen, wanted, options, past)
+
+    monkeypatch.setattr(carrying, "shade_pixels", noting)
+    renderer, there = StreamRenderer(), aside(scene, 0.06)
+    wish = {"camera": header_of(there), **LOSSLESS_COLOR}
+
+    def fresh(number: int, session: str, **rest) -> int:
+        shaded.clear()
+        made = renderer.make(scene, job(scene, number, session=session, **wish, **rest))["messages"][0]
+        assert error(made, scene, there) < 4.0 or rest
+        return sum(shaded)
+
+    renderer.make(scene, job(scene, 1))
+    first = fresh(2, "one")
+    before = renderer.bytes
+    assert first > 10 and fresh(1, "two") < 0.2 * first
+    assert fresh(1, "three", off=("shadows",)) == 0, "made as a whole: light with shadows is none without"
+    renderer.make(scene, job(scene, 1, session="four"))
+    assert fresh(2, "four") < 0.2 * first, "what another wish made took nothing away"
+    assert renderer._beginnings.bytes > 84 * first and renderer.bytes > before
+    renderer.forget(scene="cornell_box")
+    renderer.make(scene, job(scene, 1, session="five"))
+    assert fresh(2, "five") > 0.5 * first
+
+
 @pytest.mark.parametrize("first", [{}, STILL], ids=["moving", "at rest"])
 def test_a_moving_view_that_turned_away_is_carried_from_there_on(scene, first) -> None:
     """Only the first picture of what none has shown is made anew; those from before serve the way back."""

@@ -86,6 +86,13 @@ def test_cut_off_missing_and_foreign_files(model: VoxelModel, tmp_path: Path) ->
         read_voxels(tmp_path / "none.npz")
 
 
+def test_files_that_cannot_be_written_are_no_images(model: VoxelModel, tmp_path: Path) -> None:
+    for name in ("none/ring.npz", "none/ring.vox", "ring.obj"):
+        with pytest.raises(SceneFileError) as told:
+            write_voxels(tmp_path / name, model)
+        assert type(told.value) is SceneFileError and name in str(told.value)
+
+
 def test_magicavoxel(model: VoxelModel, tmp_path: Path) -> None:
     """The chunks of the file say what the cells are; z is up."""
     write_voxels(tmp_path / "ring.vox", model)

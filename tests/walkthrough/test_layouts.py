@@ -266,6 +266,6 @@ def test_other_intrinsics_are_refused_by_name(given, frames, tmp_path):
     plain(tmp_path, frames)
     with pytest.raises(CameraError, match=r"^intrinsics must be fx, fy, cx, cy, or \[\[fx"):
         load_rgbd(tmp_path, intrinsics=given)
-    for scale in (0, -1, "much"):
+    for scale in (0, -1, "much", 1e9):
         with pytest.raises(OptionError, match="depth_scale must be"):
             load_rgbd(tmp_path, depth_scale=scale)

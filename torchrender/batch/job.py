@@ -139,8 +139,10 @@ def check_outputs(what: str, outputs: Sequence[str]) -> None:
     """Refuse arrays that depth images do not have, and arrays for anything else.
 
     Raises:
-        OptionError: names them.
+        OptionError: names them; or there is none.
     """
+    if not outputs:
+        raise OptionError(f"outputs must name at least one of {', '.join(ARRAYS)}")
     for name in outputs:
         check_choice("outputs", name, ARRAYS)
     if what != "depth" and tuple(outputs) != OUTPUTS:

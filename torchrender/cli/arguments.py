@@ -40,7 +40,12 @@ class Parser(argparse.ArgumentParser):
 
 def say_unused(arguments: argparse.Namespace, used: Collection[str], what: str) -> None:
     """Warn of the options that were given but do nothing here: all but those ``used``, whatever the parser knows."""
-    unused = [option for name, option in arguments.given_options.items() if name not in (*used, "threads")]
+    say_idle(arguments, [name for name in arguments.given_options if name not in (*used, "threads")], what)
+
+
+def say_idle(arguments: argparse.Namespace, names: Collection[str], what: str) -> None:
+    """Warn of the options of these names that were given: they do nothing here."""
+    unused = [option for name, option in arguments.given_options.items() if name in names]
     if unused:
         verb = "does" if len(unused) == 1 else "do"
         sys.stderr.write(f"torchrender: warning: {', '.join(unused)} {verb} nothing with {what}\n")

@@ -20,7 +20,7 @@ from torchrender.cli.arguments import (
     named_or_numbered,
     numbers,
 )
-from torchrender.cli.output import image_size
+from torchrender.cli.output import check_file, check_folder, image_size
 from torchrender.errors import InputError, OptionError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ EVERY_S = 10.0
 """A line about progress where no terminal shows a bar."""
 FRAMES = 240
 """Cameras along a path, where their number is not given."""
+FILM = "film.mp4"
 MOST_TOLD = 10
 """Bad rows that are written out; the others are counted."""
 
@@ -65,6 +66,10 @@ def batch_command(arguments: argparse.Namespace) -> None:
     from torchrender.batch.local import run
 
     _check_together(arguments)
+    output = Path(arguments.output)
+    check_folder(output)
+    if arguments.what == "film" and output.is_dir():
+        check_file(output / FILM)
     rows = _cameras(arguments)
     if rows.not_used:
         sys.stderr.write(f"torchrender: warning: {arguments.cameras}: not used: {', '.join(rows.not_used)}\n")
@@ -76,7 +81,8 @@ def batch_command(arguments: argparse.Namespace) -> None:
         subscene=named_or_numbered(arguments.subscene),
         drop_invalid=arguments.drop_invalid or None,
     )
-    with named(size="--shadow-size"):
+    outputs = None if arguments.outputs is None else tuple(filter(None, arguments.outputs.split(",")))
+    with named(size="--shadow-size", outputs="--outputs"):
         job = Job(
             SceneSource(arguments.scene, choices),
             rows.cameras,
@@ -85,9 +91,9 @@ def batch_command(arguments: argparse.Namespace) -> None:
             format=arguments.format,
             shards=arguments.shards,
             wishes=_wishes(arguments),
-            **given(chunk=arguments.chunk, outputs=arguments.outputs and tuple(arguments.outputs.split(","))),
+            **given(chunk=arguments.chunk, outputs=outputs),
         )
-    output, progress = Path(arguments.output), _Progress()
+    progress = _Progress()
     begin = time.monotonic()
     with named(size="--triangles"):  # the scene is loaded there
         if arguments.ray is None:
@@ -161,7 +167,7 @@ def _film(folder: Path, names: tuple[str, ...], fps: float) -> Path:
     from torchrender.images.files import read_image
     from torchrender.images.film import write_film
 
-    return write_film(folder / "film.mp4", (read_image(folder / f"{name}.png") for name in names), fps)[0]
+    return write_film(folder / FILM, (read_image(folder / f"{name}.png") for name in names), fps)[0]
 
 
 def _complain(rows: CameraRows, failed: dict[int, str]) -> None:

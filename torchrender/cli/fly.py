@@ -21,7 +21,7 @@ from torchrender.cli.arguments import (
     numbers,
     say_unused,
 )
-from torchrender.cli.output import check_output, collect_garbage, image_size, make_folder, progress
+from torchrender.cli.output import check_folder, check_output, collect_garbage, image_size, make_folder, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
 from torchrender.errors import InputError, OptionError
 
@@ -79,8 +79,7 @@ def fly(arguments: argparse.Namespace) -> None:
 
     output = Path(arguments.output)
     film = bool(output.suffix)
-    if film:
-        check_output(output, FILMS)
+    check_output(output, FILMS) if film else check_folder(output)
     if not 1.0 <= arguments.fps <= 240.0:
         raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
     if arguments.frames < 1:

@@ -173,7 +173,7 @@ def _info(arguments: argparse.Namespace) -> None:
 
 
 def _depth(arguments: argparse.Namespace) -> None:
-    from torchrender.cli.output import write_depth, write_kinds
+    from torchrender.cli.output import check_folder, write_depth, write_kinds
     from torchrender.depth.kinds import sample_kinds
     from torchrender.depth.options import SamplingOptions
     from torchrender.depth.sample import sample_depth_images
@@ -182,6 +182,8 @@ def _depth(arguments: argparse.Namespace) -> None:
     output = Path(arguments.output)
     if output.suffix:
         check_output(output, (".npz", ".exr"))
+    else:
+        check_folder(output)
     options = SamplingOptions(
         cull_backfaces=not arguments.two_sided,
         **given(method=arguments.method, redundancy=arguments.redundancy),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import re
 import sys
 import threading
@@ -49,13 +50,29 @@ def check_output(path: Path, suffixes: Sequence[str]) -> None:
     """Refuse an output that cannot be written before the work is done."""
     if path.suffix.lower() not in suffixes:
         raise ImageFileError(path, f"the output must be {', '.join(suffixes)}, not {path.suffix or 'without suffix'}")
-    check_folder(path)
+    check_file(path)
+
+
+def check_file(path: Path) -> None:
+    """Refuse a file that cannot be written: see :func:`~torchrender.images.files.check_writable`."""
+    from torchrender.images.files import check_writable
+
+    check_writable(path)
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a file in a folder that does not exist."""
-    if not path.parent.is_dir():
-        raise ImageFileError(path, f"folder {path.parent} does not exist")
+    """Refuse a folder for files that cannot be made, or that takes none; it is made when there is something to write.
+
+    Raises:
+        ImageFileError: it is a file or below one, or nothing can be written there.
+    """
+    there = next(one for one in (path, *path.absolute().parents) if os.path.lexists(one))
+    if not there.is_dir():
+        raise ImageFileError(path, f"{there} is no folder")
+    try:
+        check_file(there / "file")
+    except ImageFileError as error:
+        raise ImageFileError(path, f"{there} takes no files: it {error.reason}") from error
 
 
 def make_folder(path: Path) -> None:

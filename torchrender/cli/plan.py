@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_size, given, named
-from torchrender.cli.output import check_folder, collect_garbage, image_size, make_folder
+from torchrender.cli.output import check_file, collect_garbage, image_size, make_folder
 from torchrender.errors import ImageFileError, InputError
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def run_calibrate(arguments: argparse.Namespace) -> Path:
         make_folder(path.parent)
     elif path.suffix != ".json":
         raise ImageFileError(path, "curves are written to a .json file")
-    check_folder(path)
+    check_file(path)
     scenes = [load(name) for name in arguments.scenes or SCENES]
     known = None if arguments.errors else load_curves()
     collect_garbage()

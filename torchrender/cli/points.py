@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_display, add_size, camera_of, exposure, named, numbers, say_unused
+from torchrender.cli.arguments import add_display, add_size, camera_of, exposure, named, numbers, say_idle, say_unused
 from torchrender.cli.output import check_output, image_size, sharing, waiting
 from torchrender.errors import OptionError
 
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 COMPRESSED = ".trp"
 LARGE = 256_000_000
 """Bytes of a file of points from which on it is not read as a whole."""
+
+DISPLAY = ("exposure", "tone_map")
+PICTURE = ("filter", "radius", "two_sided", "background", "camera", "size", *DISPLAY)
+"""Options of pictures alone."""
 
 CameraOf = Callable[[Any, list[str], int, int], "Cameras"]
 
@@ -64,9 +68,15 @@ def run_points(
     from torchrender.points.file import open_points, write_points
     from torchrender.points.tree import PatchSet
 
-    source = Path(arguments.cloud)
-    if output.suffix.lower() == COMPRESSED:
-        if _is_large(source, arguments.memory):
+    source, kind = Path(arguments.cloud), output.suffix.lower()
+    say_idle(arguments, {COMPRESSED: PICTURE, ".exr": DISPLAY}.get(kind, ()), f"{kind} files")
+    large = _is_large(source, arguments.memory)
+    if source.suffix.lower() == COMPRESSED:
+        say_idle(arguments, ("drop_invalid", "memory"), f"points of {COMPRESSED} files")
+    elif not large:
+        say_idle(arguments, ("memory",), "what is no PLY file of points")
+    if kind == COMPRESSED:
+        if large:
             written, count = _pack(source, output, arguments), open_points(output).point_count
             yield f"{output}  {count:,} points  {written:,} bytes  {written / count:.1f} a point, tree included"
             return
@@ -81,12 +91,14 @@ def run_points(
 
     options = _options(arguments, background)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        if _is_large(source, arguments.memory):
+        if large:
             packed = Path(folder) / f"{source.stem}{COMPRESSED}"
             _pack(source, packed, arguments)
             model: Any = open_points(packed)
         else:
             model = _patches(arguments)
+            if not isinstance(model, PatchSet):
+                say_idle(arguments, ("filter", "radius", "two_sided"), "ellipsoids and points that let light through")
         camera = camera_of(model, arguments.camera or [], *size)
         drawn = render_points(model, camera, options)
         found = drawn.statistics[0]
@@ -159,6 +171,7 @@ def draws_points(arguments: argparse.Namespace) -> bool:
         drop_invalid=arguments.drop_invalid,
         exposure=arguments.exposure,
         tone_map=arguments.tone_map,
+        given_options={name: option for name, option in arguments.given_options.items() if name in known},
     )
     background = numbers("--background", arguments.background or "0,0,0", 3)
     for line in run_points(like, image_size(arguments.size), background, camera_of):
@@ -194,6 +207,8 @@ def _pack(source: Path, target: Path, arguments: argparse.Namespace) -> int:
     from torchrender.points.pack import PackOptions, pack_points
 
     memory = PackOptions.memory_mb if arguments.memory is None else arguments.memory
+    if arguments.samples is not None:
+        raise OptionError("--samples is for meshes only")
     with named(memory_mb="--memory"):
         options = PackOptions(memory_mb=memory, drop_invalid=arguments.drop_invalid)
     with sharing(str(source)) as show:

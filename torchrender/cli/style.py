@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_scene, load_scene, named, numbers
-from torchrender.cli.output import check_output, image_size
+from torchrender.cli.output import check_file, check_output, image_size
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ def run_style(arguments: argparse.Namespace) -> None:
     """Style a scene, write it and the contact sheet, and say what took how long."""
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
+    if output.suffix.lower() == ".toml":
+        check_file(output.with_suffix(".glb"))
     sheet = _sheet_path(arguments, output)
     options = _options(arguments)
     pick = _picks(arguments.pick)

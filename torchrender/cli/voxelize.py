@@ -8,9 +8,9 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from torchrender.cli.arguments import add_scene, add_size, load_scene
+from torchrender.cli.arguments import add_scene, add_size, load_scene, say_idle
 from torchrender.cli.output import check_output
-from torchrender.errors import OptionError
+from torchrender.errors import EmptyWarning, OptionError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from torchrender.voxels.grid import VoxelGrid
 
 SUFFIXES = (".npz", ".vox", ".png")
+PICTURE = ("size", "transparent")
+"""Options of pictures alone."""
 
 
 def add_voxelize(parser: argparse.ArgumentParser) -> None:
@@ -51,9 +53,15 @@ def run_voxelize(arguments: argparse.Namespace, size: tuple[int, int]) -> None:
         raise OptionError("--thin is for surfaces, not for --solid")
     if not 1 <= arguments.resolution <= 2048:
         raise OptionError(f"--resolution must be in [1, 2048], got {arguments.resolution}")
+    if output.suffix.lower() != ".png":
+        say_idle(arguments, PICTURE, f"{output.suffix.lower()} files")
     scene = load_scene(arguments)
     grid = make_grid(scene.bounds[None], arguments.resolution)
     model = _solid(scene, grid, arguments) if arguments.solid else _surface(scene, grid, arguments)
+    if not model.voxels.count:
+        found = "no cell is inside" if arguments.solid else "no cell meets a surface"
+        why = found if scene.geometry.triangle_count else "the scene has no triangles"
+        warnings.warn(f"{scene.name}: {why}, so there are no voxels", EmptyWarning, stacklevel=2)
     if output.suffix.lower() == ".png":
         _picture(model, output, size, arguments.transparent)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from torchrender.arrays import in_single_precision
 from torchrender.buffers import DepthImages, check_fixed_buffers
 from torchrender.checks import check_class, options_of
 from torchrender.depth.conventional import conventional
@@ -16,6 +17,7 @@ from torchrender.scene.model import Scene, resized
 from torchrender.scene.triangles import check_fixed
 
 
+@in_single_precision
 def sample_depth_images(scene: Scene, cameras: Cameras, options: SamplingOptions | None = None) -> DepthImages:
     """Depth images of ``scene`` from the viewpoints of ``cameras``.
 

@@ -208,8 +208,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """
     if not path.parent.is_dir():
         raise ImageFileError(path, f"folder {path.parent} does not exist")
-    # Short, so that whatever may be a file's name has room for it.
-    temporary = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
+    temporary = _temporary(path)
     try:
         write(temporary)
         os.replace(temporary, path)
@@ -219,6 +218,29 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Find out before the work whether :func:`write_atomically` can write a file; none is left behind.
+
+    Raises:
+        ImageFileError: the folder does not exist or takes no file of that name, or a folder stands in its place.
+    """
+    if not path.parent.is_dir():
+        raise ImageFileError(path, f"folder {path.parent} does not exist")
+    temporary = _temporary(path)
+    try:
+        if path.is_dir():  # an error where the name is too long
+            raise ImageFileError(path, "cannot be written (there is a folder of that name)")
+        temporary.open("xb").close()
+        temporary.unlink()
+    except OSError as error:
+        raise ImageFileError(path, f"cannot be written ({error.strerror or error})") from error
+
+
+def _temporary(path: Path) -> Path:
+    """A name beside a file, for what becomes that file: short, so that any name of a file has room for it."""
+    return path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -5,12 +5,16 @@ its reflectance at normal incidence: ``F0 A + B``, where A and B depend on the c
 roughness alone (Karis, *Real shading in Unreal Engine 4*, 2013). What Fresnel's own term of a dielectric adds to
 Schlick's is a sum of two such factors more (:func:`torchrender.numerics.ggx.refraction`). They are integrated here,
 over the normals that the eye sees, with Smith's height-correlated masking (Heitz 2014), and kept in a small table.
+That comes with the package, as integrating it would be a quarter of a second of every process's first picture.
+
+    python -m torchrender.numerics.split_sum    integrates and writes it
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -23,6 +27,8 @@ from torchrender.numerics.ggx import EXCESS_OF, fifth_power, fresnel_excess
 TABLE_SIZE = 32
 """Entries per axis. Interpolation between them is wrong by 5e-4 on average, and by up to 0.01 within 2 degrees of
 grazing on nearly smooth mirrors."""
+
+SHIPPED = Path(__file__).parent.parent / "data" / "split_sum.npy"
 
 ANGLES, HEIGHTS = 24, 48
 """Quadrature points about and along the visible hemisphere of normals: 2e-4 away from the limit."""
@@ -83,9 +89,15 @@ def split_sum_table() -> Tensor:
 
 @lru_cache(maxsize=1)
 def _table() -> Tensor:
+    with torch.inference_mode(False):
+        return torch.from_numpy(np.load(SHIPPED, allow_pickle=False))
+
+
+def integrated_table() -> Tensor:
+    """What :func:`split_sum_table` holds, integrated anew."""
     with torch.inference_mode(False), torch.no_grad():
-        steps = torch.arange(TABLE_SIZE, dtype=torch.float32) / (TABLE_SIZE - 1)
-        return torch.stack([integrate_split_sum(c, steps) for c in steps.square()])
+        steps = torch.arange(TABLE_SIZE, dtype=torch.float64) / (TABLE_SIZE - 1)
+        return torch.stack([integrate_split_sum(c, steps) for c in steps.square()]).float()
 
 
 def _place(value: Tensor) -> tuple[Tensor, Tensor]:
@@ -134,3 +146,7 @@ def _quadrature(angles: int, heights: int) -> tuple[Tensor, Tensor, Tensor]:
     points, weights = np.polynomial.legendre.leggauss(heights)
     free = torch.from_numpy((1.0 - points) / 2.0)
     return angle[:, None], (1.0 - free * free)[None], (torch.from_numpy(weights) * free / angles)[None]
+
+
+if __name__ == "__main__":
+    np.save(SHIPPED, integrated_table().numpy())

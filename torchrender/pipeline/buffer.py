@@ -14,6 +14,7 @@ from torchrender.buffers import GBuffer
 from torchrender.errors import InputError
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.model import Scene
+from torchrender.scene.parts.kinds import color_versions
 
 T = TypeVar("T")
 
@@ -105,4 +106,5 @@ def lights_of(scene: Scene) -> tuple[Any, ...]:
 
 def look_of(scene: Scene) -> tuple[Any, ...]:
     """What the light that leaves surfaces depends on: everything but the cameras."""
-    return (*lights_of(scene), scene.materials, scene.media, scene.environment, scene.ambient, scene.photo_light)
+    look = scene.materials, color_versions(scene.materials)  # colours may be written to in place
+    return (*lights_of(scene), *look, scene.media, scene.environment, scene.ambient, scene.photo_light)

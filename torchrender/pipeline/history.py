@@ -148,8 +148,4 @@ _UNSEEN = ("name", "cameras", "motions", "photometric", "report")
 def _named_as(lit: Scene, scene: Scene) -> Scene:
     """A scene as it is rendered, with what of another one of the same look does not show in its light."""
     values = {name: getattr(scene, name) for name in _UNSEEN}
-    if all(getattr(lit, name) is value for name, value in values.items()):
-        return lit
-    named = replace(lit, **values)
-    named.__dict__.update({name: value for name, value in lit.__dict__.items() if name not in named.__dict__})
-    return named
+    return lit if all(getattr(lit, name) is value for name, value in values.items()) else lit.replace(**values)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from torchrender.arrays import in_single_precision
 from torchrender.checks import check_class, check_range, options_of
 from torchrender.errors import InputError, OptionError
 from torchrender.passes.settings import CUSTOM
@@ -236,6 +237,7 @@ def _named(plan: Plan) -> str:
     return ", ".join(f"{row.name} {row.setting}" for row in rows)
 
 
+@in_single_precision
 def plan(
     scene: Scene,
     camera: Cameras,

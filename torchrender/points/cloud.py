@@ -8,8 +8,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import in_single_precision
 from torchrender.brief import brief, brief_html
-from torchrender.checks import as_array, check_finite, check_no_gradient, check_tensor
+from torchrender.checks import (
+    as_array,
+    check_finite,
+    check_flag,
+    check_name,
+    check_no_gradient,
+    check_not_negative,
+    check_tensor,
+)
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
 
@@ -20,6 +29,8 @@ NORMAL_NEIGHBOURS = 16
 
 ROUNDING = 1e-4
 """By which opacities may miss their range: they come from sums and from numbers of 8 bits."""
+COVARIANCE_ROUNDING = 1e-5
+"""Of a covariance's trace, by which it may miss being one: float32 products of scales and rotations do."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,7 +41,9 @@ class PointCloud:
     is not finite, zero or negative is unknown.
 
     Raises:
-        InputError: wrong shapes, no points, positions or colours that are not finite, opacities outside [0, 1].
+        InputError: wrong shapes, no points, positions or colours that are not finite, negative colours, opacities
+            outside [0, 1], a ``spread`` that is no covariance: not symmetric, or negative in some direction.
+        OptionError: ``two_sided`` neither True nor False.
         GradientError: a value asks for gradients, which drawing points does not give.
     """
 
@@ -47,6 +60,8 @@ class PointCloud:
     _repr_html_ = brief_html
 
     def __post_init__(self) -> None:
+        check_flag("two_sided", self.two_sided)
+        check_name("name of a point cloud", self.name)
         for name in ("position", "normal", "radius", "color", "opacity", "spread"):
             if (value := getattr(self, name)) is not None:
                 kind = torch.float64 if name == "position" else torch.float32
@@ -70,7 +85,7 @@ class PointCloud:
             color = check_tensor("color", self.color, (count, 3)).detach()
             if not color.is_floating_point():
                 raise InputError(f"color must hold floats in linear light, got {color.dtype}")
-            color = check_finite("color", color.float())
+            color = check_not_negative("color", check_finite("color", color.float()))
             object.__setattr__(self, "color", color.contiguous())
         if self.opacity is not None:
             opacity = check_finite("opacity", check_tensor("opacity", self.opacity, (count,)).detach().float())
@@ -80,6 +95,7 @@ class PointCloud:
             object.__setattr__(self, "opacity", opacity.clamp(0.0, 1.0).contiguous())
         if self.spread is not None:
             spread = check_finite("spread", check_tensor("spread", self.spread, (count, 3, 3)).detach().float())
+            _check_covariance(spread)
             object.__setattr__(self, "spread", spread.contiguous())
 
     def __len__(self) -> int:
@@ -107,6 +123,7 @@ class PointCloud:
             bounds = torch.stack([(self.position - reach).amin(0), (self.position + reach).amax(0)])
         return framing_cloud(bounds, name, width, height)
 
+    @in_single_precision
     def completed(self) -> PointCloud:
         """This cloud with a normal and a radius at every point, estimated where there is none.
 
@@ -140,6 +157,34 @@ class PointCloud:
             normal = estimated if normal is None else torch.where(missing_normal[:, None], estimated, normal)
             two_sided = two_sided or not sure
         return replace(self, normal=normal, radius=radius, two_sided=two_sided)
+
+
+def _check_covariance(spread: Tensor) -> None:
+    """Refuse matrices (P,3,3) that no Gaussian has.
+
+    A symmetric matrix is positive semidefinite where its diagonal, its three minors of two rows and its determinant
+    are not negative. Each is compared with the trace, to whose power it grows.
+
+    Raises:
+        InputError: counts them and names the first.
+    """
+    wide = spread.double()
+    size = wide.diagonal(dim1=1, dim2=2).abs().sum(1)
+    crooked = (wide - wide.transpose(1, 2)).abs().amax((1, 2)) > COVARIANCE_ROUNDING * size
+    _refuse("spread must be symmetric", crooked)
+    scaled = wide / size.clamp_min(1e-300)[:, None, None]
+    a, b, c = scaled[:, 0, 0], scaled[:, 1, 1], scaled[:, 2, 2]
+    d, e, f = scaled[:, 0, 1], scaled[:, 0, 2], scaled[:, 1, 2]
+    minors = [a, b, c, a * b - d * d, a * c - e * e, b * c - f * f]
+    whole = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
+    least = torch.stack([*minors, whole]).amin(0)
+    _refuse("spread must be a covariance, not negative in any direction", least < -COVARIANCE_ROUNDING)
+
+
+def _refuse(what: str, wrong: Tensor) -> None:
+    if bool(wrong.any()):
+        first = int(wrong.int().argmax())
+        raise InputError(f"{what}: {int(wrong.sum())} of {len(wrong)} points' are not, first at {first}")
 
 
 def framing_cloud(bounds: Tensor, name: str | None, width: int, height: int) -> Cameras:

@@ -1,7 +1,6 @@
 """Large point models drawn by elliptical weighted averaging (EWA), with the cheapest filter that is good enough.
 
-Not to be confused with :mod:`torchrender.reconstruct.discs`, which makes meshes of discs from depth images. Source:
-specification 06, sections 4 to 7.
+Source: specification 06, sections 4 to 7. Meshes of discs from depth images: :mod:`torchrender.reconstruct.discs`.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import in_single_precision
 from torchrender.checks import check_class, options_of
 from torchrender.errors import CameraError
 from torchrender.kernels.compile import thread_count
@@ -48,6 +48,7 @@ _MODES = {"full": ewa.FULL, "reconstruction": ewa.RECONSTRUCTION, "low_pass": ew
 _PLAIN = 0.8  # grey of points without colours
 
 
+@in_single_precision
 def render_points(points: PatchSet | PointCloud, cameras: Cameras, options: SplatOptions | None = None) -> PointImage:
     """Draw a point model from B perspective cameras.
 
@@ -57,12 +58,11 @@ def render_points(points: PatchSet | PointCloud, cameras: Cameras, options: Spla
     number of threads.
 
     Args:
-        points: a patch set; a plain cloud is cut into patches first, which takes about a microsecond a point. A cloud
-            of 3D Gaussians or with opacity is drawn by :func:`~torchrender.points.gaussians.render_gaussians`.
+        points: a patch set, or a cloud, cut into one first in about a microsecond a point; those of 3D Gaussians or
+            with opacity are drawn by :func:`~torchrender.points.gaussians.render_gaussians`.
 
     Raises:
-        CameraError: orthographic cameras.
-        PointFileError: a compressed file is damaged where it is read.
+        CameraError: orthographic cameras. PointFileError: a compressed file is damaged where it is read.
     """
     check_class("cameras", cameras, Cameras)
     options = options_of(options, SplatOptions)

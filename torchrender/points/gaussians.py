@@ -31,14 +31,16 @@ WIDEST = 1.3
 DISC = 0.5
 """Standard deviation of a disc over its radius."""
 _GREY = 0.8
+_LARGEST = 3e38  # of float32
 
 
 def covariances(model: Gaussians) -> np.ndarray:
     """(N,3,3) float32 ``R S S^T R^T`` of scales and rotations."""
     turn = rotations(model.rotation.astype(np.float64)[:, [1, 2, 3, 0]])
     axes = turn * model.scale.astype(np.float64)[:, None, :]
-    with np.errstate(over="ignore"):
-        spread: np.ndarray = (axes @ axes.transpose(0, 2, 1)).clip(-3e38, 3e38).astype(np.float32)
+    wide = axes @ axes.transpose(0, 2, 1)
+    most = np.abs(wide).max(axis=(1, 2), keepdims=True, initial=_LARGEST)
+    spread: np.ndarray = (wide * (_LARGEST / most)).astype(np.float32)  # the whole matrix: it stays a covariance
     return spread
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.checks import check_class, check_range
+from torchrender.arrays import in_single_precision
+from torchrender.checks import check_class, check_count
 from torchrender.errors import InputError, MeshError, SceneFileError, SceneWarning, TorchRenderWarning
 from torchrender.points.cloud import PointCloud
 from torchrender.points.gaussians import covariances
@@ -54,6 +55,7 @@ class LostEmissionWarning(SceneWarning):
     """Surfaces that emit light were sampled: points have a colour that is lit, and no light of their own."""
 
 
+@in_single_precision
 def load_points(
     path: str | Path, *, samples: int | None = None, seed: int = 0, drop_invalid: bool = False
 ) -> PointCloud:
@@ -79,7 +81,7 @@ def load_points(
             raise InputError(f"samples is for meshes only, {source} holds points")
         return read_points(source, drop_invalid)[0]
     scene = load(path, drop_invalid=drop_invalid)
-    count = SAMPLES if samples is None else int(check_range("samples", samples, 1, 2**31))
+    count = SAMPLES if samples is None else check_count("samples", samples, 1, 2**31)
     if samples is None and source.suffix:
         warnings.warn(f"{source}: holds surfaces: sampled by {count:,} points", SampledWarning, stacklevel=2)
     return sample_points(scene, count, seed=seed)
@@ -146,6 +148,7 @@ def _cloud(path: Path, columns: dict[str, Any], notes: Notes, drop: bool) -> Poi
     return PointCloud(**tensors, name=path.stem).completed()
 
 
+@in_single_precision
 def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
     """``count`` points spread evenly over all surfaces of a scene, with normals, colours and radii.
 
@@ -159,9 +162,9 @@ def sample_points(scene: Scene, count: int, *, seed: int = 0) -> PointCloud:
 
     Raises:
         MeshError: a scene without surfaces.
-        OptionError: ``count`` < 1.
+        OptionError: ``count`` no whole number, or < 1.
     """
-    check_range("count", count, 1, 2**31)
+    check_count("count", count, 1, 2**31)
     geometry = scene.geometry
     corners = geometry.vertices[geometry.faces.long()]
     area = 0.5 * torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).norm(dim=1)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.utils.weak import WeakIdKeyDictionary
 
-from torchrender.arrays import Recycler, view
+from torchrender.arrays import Recycler, in_single_precision, view
 from torchrender.brief import brief
 from torchrender.buffers import DepthImages, check_fixed_buffers
 from torchrender.checks import (
@@ -90,6 +90,7 @@ OUTPUTS: tuple[tuple[tuple[int, ...], type], ...] = (
 """Colour, depth, validity and source of a pixel."""
 
 
+@in_single_precision
 def reproject(
     images: DepthImages | SampleQuads,
     cameras: Cameras,

@@ -6,6 +6,7 @@ import os
 import warnings
 from pathlib import Path
 
+from torchrender.arrays import in_single_precision
 from torchrender.errors import InputError, NotUsedWarning, OptionError, SceneFileError
 from torchrender.scene.files.choice import FileChoice
 from torchrender.scene.files.scene_file import load_scene_file
@@ -14,6 +15,7 @@ from torchrender.scene.model import Scene
 from torchrender.scene.motion.update import knows
 
 
+@in_single_precision
 def load(
     path_or_name: str | Path,
     *,

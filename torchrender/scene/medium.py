@@ -16,6 +16,8 @@ from torchrender.checks import as_array, as_vector, check_choice, check_finite, 
 from torchrender.errors import InputError
 
 SCALES = ("both", "absorption")
+LARGEST_PLACE = 1e30
+"""Coordinate of a corner: beyond, lengths do not fit float32, nor their squares float64 in the end."""
 LARGEST_RISE = 60.0
 """Largest exponent of a density inside its box: more would leave the range of float32."""
 
@@ -35,8 +37,8 @@ class Medium:
     overlap: what is in them adds up.
 
     Raises:
-        InputError: box corners out of order, negative or infinite coefficients or densities, a grid that is not
-            (D,H,W), a grid that also falls off, or a density that leaves the range of float32 inside the box.
+        InputError: box corners out of order or beyond 1e30, negative or infinite coefficients or densities, a grid that
+            is not (D,H,W), a grid that also falls off, or a density that leaves the range of float32 inside the box.
         OptionError: ``asymmetry`` outside [-0.99, 0.99], ``falloff`` negative, another ``density_scales``.
     """
 
@@ -60,6 +62,10 @@ class Medium:
             dtype = torch.float64 if name in ("low", "high") else torch.float32
             value = as_vector(f"medium {self.name!r}: {name}", getattr(self, name), dtype=dtype)
             object.__setattr__(self, name, value)
+        for name in ("low", "high"):
+            if bool((getattr(self, name).abs() > LARGEST_PLACE).any()):
+                corner = getattr(self, name).tolist()
+                raise InputError(f"medium {self.name!r}: {name} must lie within ±{LARGEST_PLACE:g}, got {corner}")
         if not bool((self.high > self.low).all()):
             low, high = self.low.tolist(), self.high.tolist()
             raise InputError(f"medium {self.name!r}: high must exceed low, got {low} and {high}")

@@ -13,7 +13,6 @@ from torch import Tensor
 from torchrender.brief import brief, brief_html
 from torchrender.checks import as_vector, check_flag, check_name, check_not_negative
 from torchrender.errors import InputError
-from torchrender.numerics import tangents
 from torchrender.scene.camera import Cameras, framing_camera
 from torchrender.scene.cameras.record import sides as sides
 from torchrender.scene.cutout import Corners, build_cutout
@@ -27,10 +26,26 @@ from torchrender.scene.mesh import Geometry, Mesh, concatenate
 from torchrender.scene.motion.records import Motion
 from torchrender.scene.motion.update import Moving, at_time, moved_geometry
 from torchrender.scene.parts.emission import emitted_mean
-from torchrender.scene.parts.kinds import KINDS, check_parts, check_unchanged, nearest_names, several, versions
+from torchrender.scene.parts.kinds import (
+    KINDS,
+    check_parts,
+    check_unchanged,
+    color_versions,
+    nearest_names,
+    several,
+    versions,
+)
+from torchrender.scene.parts.tangents import normal_map_set, with_tangents
 
 DEFAULT_SIZE = (1024, 768)
 """Of pictures whose size nobody says: width and height in pixels."""
+FOUND: Mapping[str, frozenset[str]] = {
+    "geometry": frozenset({"meshes", "materials"}),
+    "_versions": frozenset({"meshes", "materials"}),  # of the meshes, when their triangles were gathered
+    "_material_table": frozenset({"materials"}),
+    "reflector_bounds": frozenset({"meshes", "materials"}),
+}
+"""What is found out about a scene on first use, and the fields that it depends on."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,7 +83,7 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         # Copies count anew how often their arrays are written to.
-        return {name: value for name, value in self.__dict__.items() if name != "_versions"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_versions", "_material_table")}
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -87,18 +102,21 @@ class Scene:
 
     def _tangential(self, geometry: Geometry) -> Geometry:
         """With tangents where triangles have normal maps."""
-        sets = torch.tensor([_normal_map_set(m) for m in self.materials] or [-1])
-        return _with_tangents(geometry, sets[geometry.material])
+        sets = torch.tensor([normal_map_set(m) for m in self.materials] or [-1])
+        return with_tangents(geometry, sets[geometry.material])
 
     @property
     def material_table(self) -> MaterialTable:
-        """The materials' numbers side by side: built once, or anew in each call where a colour wants a gradient."""
-        return MaterialTable.of(self.materials) if wants_gradient(self.materials) else self._material_table
-
-    @cached_property
-    def _material_table(self) -> MaterialTable:
-        with torch.inference_mode(False):  # whoever asks first must not decide what can be derived later
+        """The materials' numbers side by side: built once, or anew in each call where a colour wants a gradient, and
+        after colours were written to in place."""
+        if wants_gradient(self.materials):
             return MaterialTable.of(self.materials)
+        now = color_versions(self.materials)
+        known: tuple[tuple[int, ...], MaterialTable] | None = self.__dict__.get("_material_table")
+        if known is None or known[0] != now:
+            with torch.inference_mode(False):  # whoever asks first must not decide what can be derived later
+                known = self.__dict__["_material_table"] = now, MaterialTable.of(self.materials)
+        return known[1]
 
     @cached_property
     def reflector_bounds(self) -> Tensor:
@@ -172,7 +190,7 @@ class Scene:
         """
         old = Moving(self.meshes, self.lights, self.cameras, self.motions)
         new = at_time(old, time, animation)
-        return self._followed_by(replace(self, **new._asdict()))
+        return self._followed_by(self._with(**new._asdict()))
 
     def _followed_by(self, scene: Scene) -> Scene:
         """``scene``, whose meshes are these at other places, with what was found out about them."""
@@ -180,8 +198,6 @@ class Scene:
         if geometry is not None:
             scene.__dict__["geometry"] = scene._tangential(geometry)
             scene.__dict__["_versions"] = versions(scene.meshes)
-        if "_material_table" in self.__dict__:
-            scene.__dict__["_material_table"] = self._material_table
         return scene
 
     def looped(self, seconds: float) -> float:
@@ -193,12 +209,26 @@ class Scene:
     # --------------------------------------------------------------- editing
 
     def replace(self, **changes: Any) -> Scene:
-        """A copy with other lights, meshes, cameras …, by the names of the fields."""
+        """A copy with other lights, meshes, cameras …, by the names of the fields; what was found out about the scene
+        and depends on none of these is kept."""
         unknown = sorted(set(changes) - {one.name for one in fields(self)})
         if unknown:
             known = ", ".join(one.name for one in fields(self))
             raise InputError(f"a scene has no {', '.join(unknown)}; it has {known}")
-        return replace(self, **changes)
+        made = self._with(**changes)
+        if made.__dict__.get("_versions") not in (None, versions(made.meshes)):  # a new scene shows what was written to
+            for name in ("geometry", "_versions", "reflector_bounds"):
+                made.__dict__.pop(name, None)
+        return made
+
+    def _with(self, **changes: Any) -> Scene:
+        """:meth:`replace` of known fields; arrays that were written to are refused as they are here."""
+        made = replace(self, **changes)
+        changed = {name for name in changes if getattr(made, name) is not getattr(self, name)}
+        for name, fields_of in FOUND.items():
+            if name in self.__dict__ and not changed & fields_of:
+                made.__dict__[name] = self.__dict__[name]
+        return made
 
     def parts(self, name: str) -> tuple[Mesh, ...]:
         """The meshes of an object: those of that name, and its parts by material, ``"armchair/fabric"``.
@@ -238,28 +268,21 @@ class Scene:
 
     def with_meshes(self, meshes: Sequence[Mesh]) -> Scene:
         """This scene with other meshes; where only vertices moved, what was found out about the triangles is kept."""
-        return self._followed_by(replace(self, meshes=several("meshes", meshes, (Mesh,))))
+        return self._followed_by(self._with(meshes=several("meshes", meshes, (Mesh,))))
 
     def with_default_light(self) -> Scene:
         """This scene, or if nothing really lights it (:attr:`is_lit`), a copy lit from the upper left."""
         if self.is_lit:
             return self
         sun, sky = _studio()
-        return self._relit(lights=(sun,), environment=sky)
+        return self._with(lights=(sun,), environment=sky)
 
     def with_sun_apart(self) -> Scene:
         """This scene, or if its environment shows a sun, a copy in which that is a light and casts shadows."""
         if self.environment is None:
             return self
         rest, sun = self.environment.split_sun()
-        return self if sun is None else self._relit(lights=(*self.lights, sun), environment=rest)
-
-    def _relit(self, *, lights: tuple[Light, ...], environment: Environment) -> Scene:
-        lit = replace(self, lights=lights, environment=environment)
-        if "geometry" in self.__dict__:  # the same triangles: nothing to build again
-            lit.__dict__["geometry"] = self.geometry
-            lit.__dict__["_versions"] = self.__dict__.get("_versions")
-        return lit
+        return self if sun is None else self._with(lights=(*self.lights, sun), environment=rest)
 
     def check_unchanged(self) -> None:
         """Refuse arrays of meshes that were written to after the triangles were gathered: nothing would show it.
@@ -268,11 +291,6 @@ class Scene:
             InputError: names the mesh and the array.
         """
         check_unchanged(self.name, self.meshes, self.__dict__.get("_versions"))
-
-
-def _normal_map_set(material: Material) -> int:
-    """The texture coordinates that a normal map follows, -1 without one."""
-    return -1 if material.normal_texture is None else material.sampler("normal_texture").uv_set
 
 
 BRIGHT = 0.5
@@ -298,29 +316,3 @@ def resized(camera: Cameras, width: int, height: int) -> Cameras:
     k[:, 0, 2] = width / 2 + (k[:, 0, 2] - camera.width / 2) * scale
     k[:, 1, 2] = height / 2 + (k[:, 1, 2] - camera.height / 2) * scale
     return replace(camera, intrinsics=k, width=width, height=height)
-
-
-def _with_tangents(geometry: Geometry, uv_set: Tensor) -> Geometry:
-    """The same with tangents of the triangles where ``uv_set`` (F,) says whose texture coordinates they follow.
-
-    0 and 1 are the sets, -1 stands for triangles that need no tangents.
-    """
-    chosen = (uv_set >= 0).nonzero().reshape(-1)
-    if not len(chosen):
-        return geometry
-    faces = geometry.faces[chosen].long()
-    flat = geometry.face_normals[chosen][:, None].expand(-1, 3, 3)
-    normal = flat if geometry.normals is None else geometry.normals[faces]
-    normal = torch.where(normal.square().sum(-1, keepdim=True) > 0, normal, flat).double()
-    none = torch.zeros(len(geometry.vertices), 2)
-    first, second = (none if uv is None else uv for uv in (geometry.uv, geometry.uv1))
-    uv = torch.where((uv_set[chosen] == 0)[:, None, None], first[faces], second[faces])
-    given = torch.zeros(len(chosen), 3, 4) if geometry.tangents is None else geometry.tangents[faces]
-    unit = torch.nn.functional.normalize(normal, dim=-1, eps=1e-30)
-    corners = tangents.tangents_of(tangents.Corners(geometry.vertices[faces], unit, uv.double(), given.double()))
-    row = torch.full((geometry.triangle_count,), -1, dtype=torch.int32)
-    row[chosen] = torch.arange(len(chosen), dtype=torch.int32)
-    made = replace(geometry, tangent_table=tangents.TangentTable(row, corners))
-    known = {name: value for name, value in vars(geometry).items() if name not in made.__dataclass_fields__}
-    made.__dict__.update(known)  # the same triangles: what was found out about them holds
-    return made

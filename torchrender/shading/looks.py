@@ -18,6 +18,7 @@ from torchrender.numerics.texels.levels import CodedPyramid
 from torchrender.numerics.texture import Pyramid, channels_of, pyramid_of
 from torchrender.scene.material import FILTERS, PHYSICAL_TEXTURES, PLAIN, WRAPS, Material, Sampler
 from torchrender.scene.material_table import MaterialTable
+from torchrender.scene.parts.kinds import color_versions
 from torchrender.shading.surface import METALLIC, PHONG
 
 Array = np.ndarray[Any, Any]
@@ -31,10 +32,11 @@ SKIPPED = {"metallic_roughness_texture": 1}
 
 
 def looks_of(materials: Sequence[Material], table: MaterialTable) -> Looks:
-    """The materials of a scene, built anew only where one or a texture has changed."""
+    """The materials of a scene, built anew only where one, a colour or a texture has changed."""
     if not materials:
         return _built((), table)
-    stamp = tuple((id(m), *(state_of(t) for _, t in _textures(m, METALLIC_TEXTURES))) for m in materials)
+    textures = tuple((id(m), *(state_of(t) for _, t in _textures(m, METALLIC_TEXTURES))) for m in materials)
+    stamp = textures, color_versions(materials)
     known = _KEPT.get(materials[0])
     if known is None or known[0] != stamp:
         known = (stamp, tuple(materials)[1:], _built(materials, table))  # ids hold while the materials live

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from torchrender.brief import brief
 from torchrender.checks import check_class, check_tensor
-from torchrender.errors import InputError, SceneFileError
+from torchrender.errors import ImageFileError, InputError, SceneFileError
 from torchrender.images.files import write_bytes, write_npz
 from torchrender.numerics.color import linear_from_srgb, srgb_from_linear
 from torchrender.voxels.attributes import SurfaceVoxels, decode_normals, encode_normals
@@ -106,8 +106,9 @@ def write_voxels(path: str | Path, model: VoxelModel | SurfaceVoxels | Voxels) -
     """Write ``.npz`` or ``.vox``, whole or not at all; voxels without a name are called after the file.
 
     Raises:
-        ImageFileError: missing folder, or the file cannot be written.
-        SceneFileError: another suffix, or a grid of more than 256 cells per side for ``.vox``.
+        SceneFileError: another suffix, a missing folder, a grid of more than 256 cells per side for ``.vox``, or the
+            file cannot be written.
+        InputError: ``model`` is none.
     """
     check_class("path", path, str, Path)
     path = Path(path)
@@ -118,12 +119,15 @@ def write_voxels(path: str | Path, model: VoxelModel | SurfaceVoxels | Voxels) -
     elif not isinstance(model, VoxelModel):
         raise InputError(f"model must be a VoxelModel, SurfaceVoxels or Voxels, got {type(model).__name__}")
     suffix = path.suffix.lower()
-    if suffix == ".vox":
-        write_bytes(path, _vox(path, model))
-    elif suffix == ".npz":
-        write_npz(path, _arrays(model))
-    else:
+    if suffix not in (".npz", ".vox"):
         raise SceneFileError(path, f"voxels are written to .npz or .vox, not {path.suffix or 'without suffix'}")
+    try:
+        if suffix == ".vox":
+            write_bytes(path, _vox(path, model))
+        else:
+            write_npz(path, _arrays(model))
+    except ImageFileError as error:  # voxels are no picture
+        raise SceneFileError(path, error.reason) from error
 
 
 def _arrays(model: VoxelModel) -> dict[str, Any]:

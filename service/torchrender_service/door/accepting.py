@@ -23,9 +23,10 @@ from torchrender_service.settings import Settings
 
 BURST_S = 2.0
 """So many seconds' connections may come together."""
-TURN_S = 0.0005
-"""For new connections, before whoever is connected has a turn: a thousand that come together wait for each other, and
-no keyframe for all of them."""
+TURN_S, AT_ONCE = 0.0005, 4
+"""For new connections, and so many that are let in, before whoever is connected has a turn: a thousand that come
+together wait for each other, and no keyframe for all of them. Each is a task, a transport and a protocol to be made,
+and a keyframe has a handful of turns on its way."""
 MOST_ADDRESSES = 4096
 TOLD_PER_S = 100
 """Answers to those that are turned away, of all addresses: each leaves the system something to wait for."""
@@ -84,6 +85,7 @@ class DoorSocket(socket.socket):
 
     arrivals: Arrivals | None = None
     _turn = 0.0  # when it began; 0: none is under way
+    _handed = 0  # connections in this turn
 
     def accept(self) -> tuple[socket.socket, Any]:
         """The next connection that is let in.
@@ -91,12 +93,14 @@ class DoorSocket(socket.socket):
         Raises:
             BlockingIOError: there is none now, or others have a turn first.
         """
+        if not self._turn:
+            self._handed = 0
         begin = self._turn or time.monotonic()
         self._turn = 0.0  # over, unless a connection is handed on
-        while (now := time.monotonic()) - begin < TURN_S:
+        while self._handed < AT_ONCE and (now := time.monotonic()) - begin < TURN_S:
             connection, peer = super().accept()
             if self.arrivals is None or self.arrivals.let_in(peer_of(peer), now):
-                self._turn = begin
+                self._turn, self._handed = begin, self._handed + 1
                 return connection, peer
             with connection, contextlib.suppress(OSError):
                 if self.arrivals.tells(now):

@@ -11,7 +11,6 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from torchrender_service.load_test.driver import ServerUnderTest
@@ -106,12 +105,8 @@ async def large_pictures(server: ServerUnderTest) -> str:
 
 async def killed_renderer(server: ServerUnderTest) -> str:
     """The renderer of all sessions is killed, as when the system runs out of memory."""
-    killed, begin = 0, time.perf_counter()
-    for pid in server.children():
-        if b"renderers.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
-            os.kill(pid, signal.SIGKILL)
-            killed = pid
-            break
+    killed, begin = server.renderer_pid(), time.perf_counter()
+    os.kill(killed, signal.SIGKILL)
     while killed in server.children() and time.perf_counter() - begin < 1.0:  # until the server has noticed
         await asyncio.sleep(0.01)
     while (await asyncio.to_thread(ask, server, "POST", "/v1/render", PICTURE))[0] != 200:

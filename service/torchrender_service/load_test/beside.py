@@ -24,10 +24,11 @@ EVERY_S = 0.25
 """Each honest session asks for a keyframe so often: one takes about 8 ms of a core, so all together need less than half
 of what one renderer can do on two cores, and their delay is that of pictures, not of a queue of their own making. The
 more of them, the less does p95 depend on two or three."""
-SETTLE_S = 1.5
+SETTLE_S = 0.5
 """What the attack before left to do, and the start of the next one's process, are no part of what was before it."""
-STARTING_S = 5.0
-"""Of the renderer of large pictures, which starts some time after the first stream."""
+RESTING, REST_S, LONGEST_REST_S = 0.1, 1.0, 20.0
+"""Cores that the renderers without sessions take together when all have started, for how long that is looked at, and
+how long it is waited for: one that starts takes from the others, and is not what is measured."""
 AFTER_S = 0.5
 """Nor is what an attack left to do a part of what comes after it."""
 OVER_S = 30.0
@@ -44,13 +45,23 @@ async def attack_rows(effort: Effort) -> list[Row]:
         await _until_ready(server)
         await asyncio.to_thread(ask, server, "POST", "/v1/scenes", FIRST, "application/toml", "127.0.0.1")
         async with _honest(server) as sessions:
-            await asyncio.sleep(ASIDE_S + STARTING_S)
+            await asyncio.sleep(ASIDE_S + SETTLE_S)  # then the renderer of large pictures begins to start
             times, begin = QUICK if effort.quick else THOROUGH, time.perf_counter()
             for number, attack in enumerate(ATTACKS):
                 attacked = replace(server, attacker=attacker(number))
                 share = (number + 1) / len(ATTACKS)
                 rows.append(await _row(attacked, sessions, attack, times, begin + share * times.all_s))
     return rows
+
+
+async def _until_rested(server: ServerUnderTest) -> None:
+    """Until all renderers but that of the sessions have nothing to do."""
+    end, used = time.perf_counter() + LONGEST_REST_S, server.aside_s()
+    while time.perf_counter() < end:
+        await asyncio.sleep(REST_S)
+        before, used = used, server.aside_s()
+        if sum(now - before.get(pid, 0.0) for pid, now in used.items()) < RESTING * REST_S:
+            return
 
 
 async def _until_ready(server: ServerUnderTest) -> None:
@@ -114,6 +125,7 @@ async def _watched(
     seen = Watched()
     for number in range(times.rounds[1]):
         async with player(server, attack.name) as playing:
+            await _until_rested(server)
             await asyncio.sleep(SETTLE_S)
             seen.quiet.append(await watch(server, sessions, asyncio.sleep(times.quiet_s)))
 

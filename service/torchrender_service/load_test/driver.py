@@ -65,6 +65,17 @@ class ServerUnderTest:
         """Processes of its renderers."""
         return family(self.pid)[1:]
 
+    def renderer_pid(self, name: str = "0") -> int:
+        """Process of a renderer, of the only one that streams have, as the log tells: others stand ready, or start.
+
+        Raises:
+            LoadTestError: the log does not tell.
+        """
+        for line in reversed([] if self.log is None else self.log.read_text().splitlines()):
+            if '"message": "renderer started"' in line and (told := json.loads(line))["renderer"] == name:
+                return int(told["pid"])
+        raise LoadTestError(f"the log tells of no renderer {name}")
+
     @property
     def url(self) -> str:
         """Address for HTTP."""
@@ -97,6 +108,11 @@ class ServerUnderTest:
         """Processor time of the server alone, and of all its children, ended ones included."""
         own, ended = processor_s(self.pid)
         return own, ended + sum(sum(processor_s(pid)) for pid in self.children())
+
+    def aside_s(self) -> dict[int, float]:
+        """Processor time of each child but the renderer that streams have."""
+        own = self.renderer_pid()
+        return {pid: sum(processor_s(pid)) for pid in self.children() if pid != own}
 
 
 @contextmanager

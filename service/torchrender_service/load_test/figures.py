@@ -14,7 +14,7 @@ from torchrender_service.load_test.rows import Effort, Row
 
 LITTLE = {"scene": "cornell_box", "width": 160, "height": 120}
 ASKERS = 8
-WARM_UP_S, STEADY, WARM_UPS = 5.0, 1.05, (3, 6)
+WARM_UP_S, STEADY, WARM_UPS = 3.0, 1.05, (3, 6)
 """Pictures are asked for until a stretch of so many seconds brings hardly more than the one before; stretches, least
 and most."""
 OFF = 0.10

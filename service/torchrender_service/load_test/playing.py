@@ -31,7 +31,8 @@ STOP_S = 5.0
 def main(name: str, told: str) -> int:
     """Play."""
     facts = json.loads(told)
-    server = ServerUnderTest(None, facts["pid"], facts["host"], facts["port"], None, facts["attacker"])
+    log = facts["log"] and Path(facts["log"])
+    server = ServerUnderTest(None, facts["pid"], facts["host"], facts["port"], log, facts["attacker"])
     attack = next(one for one in ATTACKS if one.name == name)
     attack.prepare()
     _many_files()
@@ -97,7 +98,8 @@ class Player:
 @contextlib.asynccontextmanager
 async def player(server: ServerUnderTest, name: str) -> AsyncIterator[Player]:
     """An attack that is ready to begin."""
-    facts = {"pid": server.pid, "host": server.host, "port": server.port, "attacker": server.attacker}
+    log = None if server.log is None else str(server.log)
+    facts = {"pid": server.pid, "host": server.host, "port": server.port, "log": log, "attacker": server.attacker}
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "torchrender_service.load_test.playing", name, json.dumps(facts)),
         stdin=asyncio.subprocess.PIPE,

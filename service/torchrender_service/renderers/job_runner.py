@@ -17,13 +17,13 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import header_of
 from torchrender_service.errors import out_of_memory
-from torchrender_service.logs import heard
+from torchrender_service.logs import heard, hearing
 from torchrender_service.renderers import jobs
 from torchrender_service.renderers.engine import plan_image, tradeoff
 from torchrender_service.renderers.keeping.lasting import LastingParts
 from torchrender_service.renderers.pictures import check_keyframes, make_container, render_picture, reproject_picture
 from torchrender_service.renderers.scene_cache import SceneCache, describe, scene_at
-from torchrender_service.renderers.streaming.ahead import FIRST_SIZE, first_keyframe, shared_parts
+from torchrender_service.renderers.streaming.ahead import FIRST_SIZE, first_keyframe, moved_aside, shared_parts
 from torchrender_service.renderers.streaming.stream_renderer import STREAM, StreamRenderer
 from torchrender_service.renderers.upload import validate
 from torchrender_service.renderers.viewing.picking import find_pixel
@@ -84,7 +84,7 @@ class JobRunner:
         scene = self._scenes.ahead(source)
 
         def work() -> None:
-            with contextlib.suppress(Exception):  # said to whoever needs it
+            with contextlib.suppress(Exception), hearing(source.id):  # said to whoever needs it
                 loaded = scene()
                 made = shared_parts(loaded, source) if parts else None
                 if made is not None:
@@ -203,11 +203,14 @@ class JobRunner:
     def _warm_up(self, job: jobs.WarmUp) -> dict[str, Any]:
         """A first keyframe of each kind with everything about it, of a small scene."""
         scene = self._scenes.get(jobs.SceneSource(id=FIRST_SCENE))
-        view = jobs.View(width=FIRST_SIZE[0], height=FIRST_SIZE[1])
-        camera = header_of(camera_of_view(scene, view))
+        first = camera_of_view(scene, jobs.View(width=FIRST_SIZE[0], height=FIRST_SIZE[1]))
         source, session = jobs.SceneSource(id=FIRST_SCENE), "warm-up"
-        for still in (kind == "still" for kind in job.views):
-            keyframe = first_keyframe(session, source, camera, still=still)
-            self._streams.make(scene, keyframe)
-            self._streams.make_layers(jobs.MakeLayers(session=session, id=keyframe.id))
-        return self._forget(jobs.Forget(session=session))
+        try:
+            for kind in job.views:
+                camera = first if kind != "carried" else moved_aside(scene, first)
+                keyframe = first_keyframe(session, source, header_of(camera), still=kind == "still")
+                self._streams.make(scene, keyframe)
+                self._streams.make_layers(jobs.MakeLayers(session=session, id=keyframe.id))
+        finally:  # also where it is taken back
+            self._streams.forget(session=session)
+        return {}

@@ -276,10 +276,10 @@ class WarmUp(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     """Load what pictures need, so that the first one takes no longer than the others.
 
     Args:
-        views: those that move, and those at rest.
+        views: those that move, those at rest, and those that move out of these.
     """
 
-    views: tuple[Literal["moving", "still"], ...] = ("moving", "still")
+    views: tuple[Literal["moving", "still", "carried"], ...] = ("moving", "still", "carried")
 
 
 SceneJob = Describe | Locate | Render | Plan | DepthImages | StylePhoto | MakeKeyframe | Survey | FindPixel

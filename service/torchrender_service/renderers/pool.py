@@ -126,7 +126,7 @@ class Pool:
             await renderer.submit(WarmUp(views=("moving",)))
         finally:
             self._warm.add(renderer.name)  # one that cannot is no reason to keep the others from working
-        await renderer.submit(WarmUp(views=("still",)))  # what moves comes first with every client
+        await renderer.submit(WarmUp(views=("still", "carried")))  # what moves comes first with every client
 
     async def drain(self, seconds: float) -> None:
         """Take no more jobs: those that wait fail, those that run have so long to end."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from torchrender.errors import InputError, SceneFileError
 from torchrender.scene.load import load
 from torchrender.scene.model import Scene
 from torchrender_service.errors import ServiceError
+from torchrender_service.logs import hearing, pass_on
 from torchrender_service.renderers.jobs import SceneSource
 from torchrender_service.renderers.keeping.sizes import TREE_BYTES, bytes_of
 from torchrender_service.renderers.keeping.textures import bounded, bytes_of_levels, within
@@ -34,6 +35,7 @@ class Loading:
         self._texture_bytes = texture_bytes
         self._lock = threading.Lock()
         self._scene: Scene | None = None
+        self.said: Mapping[str, type[Warning]] = {}  # that it warned of
         self._error: Exception | None = None
 
     @property
@@ -47,7 +49,8 @@ class Loading:
             if self.done:
                 return
             try:
-                self._scene = _loaded(self._source, self._texture_bytes)
+                with hearing(self._source.id) as self.said:
+                    self._scene = _loaded(self._source, self._texture_bytes)
             except Exception as error:
                 self._error = error
 
@@ -74,6 +77,7 @@ class SceneCache:
         self._scenes: OrderedDict[str, Scene] = OrderedDict()
         self._sizes: dict[str, int] = {}
         self._loading: dict[str, Loading] = {}
+        self._said: dict[str, Mapping[str, type[Warning]]] = {}  # by loading, until a job has been told
         self.evictions = 0
         self.dropped = 0  # scenes, for whatever reason
 
@@ -94,7 +98,7 @@ class SceneCache:
         return self._loading.setdefault(source.id, Loading(source, self._texture_bytes)).take
 
     def get(self, source: SceneSource) -> Scene:
-        """The scene, loaded where it is not.
+        """The scene, loaded where it is not. The first job that asks for it hears what its loading warned of.
 
         Raises:
             ServiceError: 404, the scene was deleted meanwhile.
@@ -102,8 +106,9 @@ class SceneCache:
         """
         if source.id not in self._scenes:
             self.ahead(source)
-            self._keep(source.id, self._loading.pop(source.id).take())
+            self._keep(source.id, self._loading.pop(source.id))
         self._scenes.move_to_end(source.id)
+        pass_on(self._said.pop(source.id, {}))
         for name in [name for name, one in self._loading.items() if one.done]:
             self._adopt(name, self._loading.pop(name))
         while len(self._scenes) > 1 and self.bytes > self._max:
@@ -114,10 +119,11 @@ class SceneCache:
     def _adopt(self, name: str, loading: Loading) -> None:
         """Keep what was loaded ahead, though nobody may wait for it any more."""
         with contextlib.suppress(Exception):  # told whoever asks for it again
-            self._keep(name, loading.take())
+            self._keep(name, loading)
 
-    def _keep(self, name: str, scene: Scene) -> None:
-        self._scenes[name] = scene
+    def _keep(self, name: str, loading: Loading) -> None:
+        scene = loading.take()
+        self._scenes[name], self._said[name] = scene, loading.said
         self._sizes[name] = bytes_of(scene) + bytes_of_levels(scene) + TREE_BYTES * scene.geometry.triangle_count
 
     def revision(self, source: SceneSource) -> int:
@@ -130,6 +136,7 @@ class SceneCache:
         self._loading.pop(name, None)
         self.dropped += self._scenes.pop(name, None) is not None
         self._sizes.pop(name, None)
+        self._said.pop(name, None)
 
     def clear(self) -> None:
         """Drop all scenes."""
@@ -138,6 +145,7 @@ class SceneCache:
         self._scenes.clear()
         self._sizes.clear()
         self._loading.clear()
+        self._said.clear()
 
 
 def _loaded(source: SceneSource, texture_bytes: int | None) -> Scene:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 import struct
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import torch
 import trimesh
@@ -154,6 +157,42 @@ def test_what_a_glb_cannot_hold_is_said() -> None:
     lossy = scene(lights=(rect,), ambient=torch.ones(3), environment=Environment.constant(torch.ones(3)))
     with pytest.warns(LossWarning, match=r"RectLight 'sky', environment 'constant', ambient light"):
         glb_bytes(lossy)
+
+
+def test_what_textures_lose_is_said_once_by_name(tmp_path: Path) -> None:
+    """Phong's textures, numbers above what an image holds, and steps finer than eight bits."""
+    codes = np.random.default_rng(3).integers(200, 256, (8, 8, 3))
+    assert cv2.imwrite(str(tmp_path / "fine.png"), (codes * 256 + 99).astype(np.uint16))
+    assert cv2.imwrite(str(tmp_path / "plain.png"), codes.astype(np.uint8))
+    (tmp_path / "a.obj").write_text(
+        "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "usemtl fine\nf 1/1 2/2 3/3\nusemtl shiny\nf 1/1 2/2 3/3\nusemtl gem\nf 1/1 2/2 3/3\n"
+        "usemtl dull\nf 1/1 2/2 3/3\n"
+    )
+    (tmp_path / "a.mtl").write_text(
+        "newmtl fine\nmap_Kd fine.png\nnewmtl shiny\nKd .9 .9 .9\nKs .6 .6 .6\nmap_Kd plain.png\nmap_Ks plain.png\n"
+        "newmtl gem\nKs .1 .1 .1\nmap_Ks plain.png\nnewmtl dull\nmap_Kd plain.png\n"
+    )
+    loaded = tr.load(tmp_path / "a.obj")
+    with pytest.warns(LossWarning) as said:
+        glb_bytes(loaded)
+    (text,) = (str(one.message) for one in said)
+    assert text.removeprefix("GLB files are written without ").split(" of ", 1)[0] == "more than 8 bits"
+    assert "more than 8 bits of the diffuse textures of 'fine'" in text
+    assert "what the diffuse textures have above 1 of 'shiny'" in text
+    assert "the specular textures of Phong of 'shiny', 'gem'" in text
+    assert "dull" not in text and text.count("fine") == text.count("gem") == 1
+    kept = loaded.replace(materials=[loaded.materials[-1]], meshes=[replace(loaded.meshes[-1], material=0)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        glb_bytes(kept)
+
+
+def test_a_warning_names_few_of_many_materials() -> None:
+    picture = torch.full((2, 2, 3), 0.3)
+    many = [tr.Material(name=f"m{k}", diffuse_texture=picture) for k in range(11)]
+    with pytest.warns(LossWarning, match=r"'m7', 3 more$"):
+        glb_bytes(scene().replace(materials=many))
 
 
 def test_toml_holds_everything(tmp_path: Path) -> None:

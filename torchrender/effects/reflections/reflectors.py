@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief
-from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState, check_fixed_buffers
+from torchrender.buffers import GBuffer, RayHits, ReflectionLayer, ReflectionState
 from torchrender.checks import check_class, check_tensor
+from torchrender.effects.reflections.contacts import with_contacts
 from torchrender.numerics.lobe import ggx_directions, lobe_directions, reflect, schlick
 from torchrender.rays import RayCaster
 from torchrender.scene.camera import Cameras
@@ -26,7 +27,6 @@ from torchrender.shading.mirrors import mirror_values
 
 START = 2.0**-4
 """Distance from the reflector at which rays start, in their widths: what is seen from afar is known the less."""
-
 LOBES = ("ggx", "cone")
 GGX_WIDTH = 2.0 * math.sqrt(math.pi)
 """Width per alpha of the solid angle ``4 pi alpha^2`` that is one over the density of rays in the middle of a lobe: a
@@ -93,8 +93,10 @@ class ReflectedRays:
         return ReflectedRays(*own, self.many)
 
     def first_hits(self, caster: RayCaster) -> RayHits:
-        """What the rays meet, off the reflectors that they leave."""
-        return caster.first_hit(self.origin, self.direction, t_min=START * self.width)
+        """What the rays meet, off the reflectors that they leave, and what touches these."""
+        start = START * self.width
+        hits = caster.first_hit(self.origin, self.direction, t_min=start)
+        return with_contacts(caster, self.origin, self.direction, start, hits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,6 @@ def reflective_pixels(scene: Scene, gbuffer: GBuffer, mask: Tensor | None = None
     """The reflective pixels of a G-buffer, or those of them in ``mask`` (B,H,W) bool."""
     check_class("scene", scene, Scene)
     check_class("gbuffer", gbuffer, GBuffer)
-    check_fixed_buffers("reflective_pixels", "gbuffer", gbuffer)
     chosen = reflective(scene, gbuffer)
     if mask is not None:
         chosen = chosen & check_tensor("mask", mask, tuple(chosen.shape))

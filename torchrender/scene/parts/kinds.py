@@ -36,6 +36,12 @@ def versions(meshes: Sequence[Mesh]) -> tuple[int, ...]:
     return tuple(-1 if one is None or one.is_inference() else one._version for one in tensors)
 
 
+def color_versions(materials: Sequence[Material]) -> tuple[int, ...]:
+    """How often each colour of each material was written to, as PyTorch counts it; -1 where it does not."""
+    colors = [c for m in materials for c in (m.diffuse, m.specular_color, m.emission, m.sheen_color)]
+    return tuple([-1 if c.is_inference() else c._version for c in colors])
+
+
 def several(name: str, value: object, kinds: tuple[type, ...]) -> tuple[Any, ...]:
     """The parts of a scene as a tuple, also where one is given alone."""
     parts = (value,) if isinstance(value, kinds) else tuple(value) if isinstance(value, Iterable) else (value,)

@@ -73,8 +73,4 @@ def changed_media(scene: Scene, density: float = 1.0, asymmetry: float | None = 
         )
         for medium in scene.media
     )
-    changed = replace(scene, media=media)
-    for name in ("geometry", "_material_table", "reflector_bounds"):  # what does not depend on media is kept
-        if name in scene.__dict__:
-            changed.__dict__[name] = scene.__dict__[name]
-    return changed
+    return scene.replace(media=media)

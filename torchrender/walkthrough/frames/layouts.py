@@ -26,8 +26,8 @@ from torchrender.walkthrough.frames.record import Array, CaptureWarning, Frame, 
 COLORS = ("color", "rgb", "image", "images", "colour")
 PICTURES = (".jpg", ".jpeg", ".png")
 DEPTHS = (".png", ".pgm", ".npy", ".tif", ".tiff")
-SMALLEST_SCALE = 1e-12
-"""Codes per scene unit."""
+SMALLEST_SCALE, LARGEST_SCALE = 1e-12, 1e7
+"""Codes per scene unit: with more, the 65,535 codes of a picture would not reach a hundredth of a unit."""
 MAX_TIME_GAP = 0.05
 """Seconds between the photo, its depth and its pose beyond which they do not belong together."""
 
@@ -61,12 +61,13 @@ def load_rgbd(
 
     Raises:
         SceneFileError: nothing of that kind is there, or a file cannot be used; names it and says why.
-        CameraError: a pose or intrinsics that are none. OptionError: a ``depth_scale`` that is not above 0.
+        CameraError: a pose or intrinsics that are none. OptionError: a ``depth_scale`` outside
+            [1e-12, 1e7].
     """
     check_class("path", path, str, Path)
     path = Path(path)
     if depth_scale is not None:
-        check_range("depth_scale", depth_scale, SMALLEST_SCALE)
+        check_range("depth_scale", depth_scale, SMALLEST_SCALE, LARGEST_SCALE)
     wishes = Wishes(None if intrinsics is None else given_intrinsics(intrinsics), depth_scale)
     if path.suffix.lower() == ".json" and path.is_file():
         return _json_sequence(path, wishes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import time
-import warnings
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,6 +17,7 @@ from torchrender.photo.fog.depth.strokes import Stroke, divide, painted, regions
 from torchrender.photo.fog.marks.file import table_of, text_of
 from torchrender.photo.fog.marks.records import Marks, scaled
 from torchrender.photo.photograph import resized
+from torchrender_service.logs import collecting
 from torchrender_service.renderers.jobs import CheckMarks, DescribePhoto, DividePhoto, FogInPhoto, PhotoJob
 from torchrender_service.renderers.photos.pictures import jpeg_bytes, png_bytes, read_photo
 
@@ -75,8 +75,7 @@ class FogPhotos:
         begin = time.perf_counter()
         options = FogOptions(transmittance=job.transmittance, loss=job.loss, top=job.top, light_gain=job.light_gain,
                              shaft_gain=job.shaft_gain)  # fmt: skip
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
+        with collecting() as said:
             photo = self._photo(job.photo, job.max_pixels, job.side)
             key = (hashlib.sha256(job.photo).digest(), job.side, job.marks, job.transmittance)
             usual = FogOptions(transmittance=job.transmittance)
@@ -93,7 +92,7 @@ class FogPhotos:
                 made |= {"timings_ms": dict(picture.timings_ms), "file": encode(shown)}
         made["facts"]["size"] = [photo.shape[1], photo.shape[0]]
         made["timings_ms"]["all"] = 1e3 * (time.perf_counter() - begin)
-        return {**made, "warnings": list(dict.fromkeys([*earlier, *(str(w.message) for w in said)]))}
+        return {**made, "warnings": list(dict.fromkeys([*earlier, *said]))}
 
     def _prepared(self, job: FogInPhoto, photo: Tensor, options: FogOptions) -> tuple[FogPhoto, list[str]]:
         """The photo with its marks, and what is said about them."""
@@ -106,10 +105,9 @@ class FogPhotos:
                 marks = scaled(marks, photo.shape[1] / own[0], photo.shape[0] / own[1])
             else:
                 marks = replace(marks, width=own[0], height=own[1])
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
+        with collecting() as said:
             made = FogPhoto(photo, marks, options)
-        return made, [str(w.message) for w in said]
+        return made, said
 
 
 def _kept(store: OrderedDict[object, T], key: object, make: Callable[[], T]) -> T:

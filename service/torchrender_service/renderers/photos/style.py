@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import torch
@@ -15,6 +14,7 @@ from torchrender.photo.style.sheet import contact_sheet
 from torchrender.photo.style.transfer import style_scene
 from torchrender.scene.files.gltf.out.write import glb_bytes
 from torchrender.scene.model import Scene
+from torchrender_service.logs import collecting
 from torchrender_service.renderers.jobs import StylePhoto
 from torchrender_service.renderers.photos.pictures import png_bytes, read_photo
 
@@ -33,15 +33,10 @@ def style_photo(scene: Scene, job: StylePhoto) -> dict[str, Any]:
         seed=job.seed,
         search=SearchOptions(prior_weight=job.prior),
     )
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with collecting() as said:
         style = style_scene(scene, image, options, keep=job.lock, pick=job.pick)
         made = {"glb": _glb, "png": _sheet, "json": _facts}[job.format](style)
-    return {
-        **made,
-        "timings_ms": dict(style.timings_ms),
-        "warnings": list(dict.fromkeys(str(w.message) for w in said)),
-    }
+    return {**made, "timings_ms": dict(style.timings_ms), "warnings": said}
 
 
 def _glb(style: Style) -> dict[str, Any]:

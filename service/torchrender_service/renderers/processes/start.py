@@ -162,6 +162,7 @@ class Spare:
         self._pauses.leave(process)
         if self._task is not None:
             self._task.cancel()
+        write_message(process, Cancel(serial=NO_JOB))  # a first picture that is on its way: a wanted one needs as much
         self._task = asyncio.create_task(self._start(NEXT_SPARE_S))
         return process
 

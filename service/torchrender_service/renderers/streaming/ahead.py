@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from torchrender.pipeline.doubts import looking_about
 from torchrender.pipeline.history import RenderHistory
+from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.cameras import header_of
 from torchrender.wire.messages import CameraHeader
@@ -14,6 +17,8 @@ from torchrender_service.renderers.views import camera_of_view
 
 FIRST_SIZE = (64, 36)
 """Of a first picture: what it makes for others takes as long as for a large one."""
+ASIDE = 0.04
+"""Of the scene's diagonal, from a first view to one that moves: most of it is known, the rest is shaded."""
 _ALL = 2**62
 
 
@@ -26,6 +31,13 @@ def shared_parts(scene: Scene, source: SceneSource) -> RenderHistory | None:
     with looking_about():
         StreamRenderer(lasting, _ALL).make(scene, first_keyframe("ahead", source, header_of(camera)))
     return lasting.get(source.id, STREAM)
+
+
+def moved_aside(scene: Scene, camera: Cameras) -> Cameras:
+    """The camera a step to its right."""
+    matrix = camera.camera_from_world.clone()
+    matrix[0, 0, 3] -= ASIDE * scene.diagonal
+    return replace(camera, camera_from_world=matrix)
 
 
 def first_keyframe(session: str, source: SceneSource, camera: CameraHeader, *, still: bool = False) -> MakeKeyframe:

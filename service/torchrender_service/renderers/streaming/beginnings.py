@@ -1,4 +1,5 @@
-"""What new sessions of a scene begin with: the light of a picture that others made, and maps it was made with."""
+"""What new sessions of a scene begin with: the light of a picture that others made, and of single pixels that they
+shaded since, and maps it was made with. After a renderer died all sessions are new ones to the next."""
 
 from __future__ import annotations
 
@@ -13,6 +14,9 @@ from torchrender_service.renderers.streaming.carrying import LitViews
 from torchrender_service.renderers.streaming.session import SessionState
 
 MAX_SCENES = 4
+LITTLE = 1 << 13
+"""Pixels: a session that has shaded fewer takes on what others have. One that has its own stays with them: what ten
+sessions shade at ten places would soon push out each other's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +25,17 @@ class Beginning:
 
     lit: LitViews
     maps: Mapping[str, Kept]  # by name of the buffer: fitted to its view, and used while they cover another
+    picture_bytes: int  # of the pictures and maps
+
+    @classmethod
+    def of(cls, lit: LitViews, maps: Mapping[str, Kept]) -> Beginning:
+        """With the bytes of what is held."""
+        return cls(lit, maps, bytes_of([lit.pictures, lit.quick, maps]))
 
     @property
     def bytes(self) -> int:
         """Of what is held."""
-        return bytes_of([self.lit.pictures, self.lit.quick, self.maps])
+        return self.picture_bytes + bytes_of(self.lit.gathered)
 
 
 class Beginnings:
@@ -40,13 +50,24 @@ class Beginnings:
 
     def keep(self, scene: str, state: SessionState) -> None:
         """New sessions begin with the light that this one has."""
-        self._put(scene, Beginning(state.lit.newest(), _maps(state.history)))
+        self._put(scene, Beginning.of(state.lit.newest(), _maps(state.history)))
 
-    def keep_maps(self, scene: str, history: RenderHistory) -> None:
-        """Those that a few pixels were shaded with serve what other sessions shade at first."""
-        known, maps = self._scenes.get(scene), _maps(history)
-        if known is not None and any(maps[name] is not known.maps.get(name) for name in maps):
-            self._put(scene, replace(known, maps=maps))
+    def keep_shaded(self, scene: str, state: SessionState) -> None:
+        """Light of a few pixels, and the maps that they were shaded with, serve what other sessions would shade."""
+        known, maps = self._scenes.get(scene), _maps(state.history)
+        if known is None:
+            return
+        if any(maps[name] is not known.maps.get(name) for name in maps):
+            known = Beginning.of(known.lit, maps)
+        lit = known.lit.with_gathered(state.lit)
+        if lit is not known.lit or known is not self._scenes[scene]:
+            self._put(scene, replace(known, lit=lit))
+
+    def lend(self, scene: str, lit: LitViews) -> None:
+        """A session that has shaded little goes on with what others shaded since it began."""
+        known = self._scenes.get(scene)
+        if known is not None and len(lit.gathered) < min(LITTLE, len(known.lit.gathered)):
+            lit.gathered = lit.with_gathered(known.lit).gathered
 
     def begin(self, scene: str, history: RenderHistory) -> SessionState:
         """A session, with what all pictures of the scene share."""

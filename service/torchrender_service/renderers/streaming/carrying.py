@@ -78,7 +78,13 @@ class LitViews:
 
     def newest(self) -> LitViews:
         """Another session of the same scene may begin with this."""
-        return LitViews(self.pictures[-1:], self.quick, _scene=self._scene, _off=self._off)
+        return LitViews(self.pictures[-1:], self.quick, gathered=self.gathered, _scene=self._scene, _off=self._off)
+
+    def with_gathered(self, other: LitViews) -> LitViews:
+        """This with the single pixels of another session, where that shows the same scene without the same effects."""
+        if other.gathered is self.gathered or other._scene is not self._scene or other._off != self._off:
+            return self
+        return replace(self, gathered=other.gathered)
 
     def of(self, scene: Scene, off: Sequence[Effect]) -> list[LitPicture]:
         """Those that show this scene without these effects; others are dropped."""

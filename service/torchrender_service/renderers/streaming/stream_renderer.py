@@ -12,7 +12,7 @@ import torch
 from torchrender.effects.upsampling.outlines import smooth_outlines
 from torchrender.errors import ExposureWarning
 from torchrender.passes.picture import resample
-from torchrender.pipeline.history import Kept, RenderHistory
+from torchrender.pipeline.history import Kept
 from torchrender.pipeline.options import RenderOptions
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
@@ -234,10 +234,11 @@ class StreamRenderer:
         pictures = lit.of(scene, job.off) if job.still else lit.for_moving(scene, job.off)
         if job.bounds.max_error is None and not (job.still and job.bounds.budget_ms):
             past = replace(state.history.shared(), sequence=False) if job.still else state.history
+            self._beginnings.lend(job.scene.id, lit)
             made = carried_picture(scene, camera, lit, pictures, past, options, budget_ms=bounds.budget_ms)
             if made is not None:
                 state.history = replace(state.history.of_scene(scene), kept=made.history.kept)
-                self._share_maps(job.scene.id, state.history)
+                self._share_shaded(job.scene.id, state)
                 return Made(made.image, made.plan, made.options, made.history, made.mirrors, carried=True)
         if job.still:
             return self._at_rest(scene, camera, state, job, bounds, keep=True)
@@ -264,10 +265,10 @@ class StreamRenderer:
         state.history = replace(image.history, pace=state.history.of_scene(scene).pace)
         return Made(image, plan, image.plan.options, image.history, None)
 
-    def _share_maps(self, scene: str, history: RenderHistory) -> None:
-        """What a few pixels were shaded with serves those that other sessions shade at first."""
-        self._lasting.put(scene, STREAM, replace(history, pace=self._lasting.get(scene, STREAM).pace))
-        self._beginnings.keep_maps(scene, history)
+    def _share_shaded(self, scene: str, state: SessionState) -> None:
+        """A few pixels, and what they were shaded with, serve other sessions at first."""
+        self._lasting.put(scene, STREAM, replace(state.history, pace=self._lasting.get(scene, STREAM).pace))
+        self._beginnings.keep_shaded(scene, state)
 
     def _at_rest(
         self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds, *, keep: bool

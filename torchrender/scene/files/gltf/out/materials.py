@@ -5,25 +5,32 @@ Metallic-roughness is written as it is. For Phong the specular degree S and the 
 :func:`metallic_roughness` solves; the roughness is the gloss. A material that mirrors less than bare plastic (S < 0.04)
 has m = 0 and its share of 0.04 in KHR_materials_specular. Phong exponents that do not follow from the roughness are
 lost. Such a material is also written in its own terms into the entry's ``extras``, from where it comes back as it was.
+
+Textures become PNG files of 8 bits: what that takes from a material, :attr:`MaterialWriter.lost` tells.
 """
 
 from __future__ import annotations
 
 import io
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from PIL import Image
 from torch import Tensor
 
 from torchrender.numerics.color import srgb_from_linear
+from torchrender.numerics.texels.coded import codes_of
 from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.gltf.out.document import GlbDocument
 from torchrender.scene.material import DIELECTRIC_F0, PLAIN, Material, Sampler
 
 PHONG = "torchrender_phong"
 """Member of a material's extras."""
+_OFF = 0.1
+"""Of a step of 8 bits: a texture whose numbers are farther from all codes has more than these."""
+_CLIPPED = 1e-4
+"""By which a number may be above 1 for other reasons than light."""
 _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 _FILTERS = {"trilinear": (9729, 9987), "bilinear": (9729, 9729), "nearest": (9728, 9728)}
 
@@ -58,8 +65,9 @@ class MaterialWriter:
 
     def __init__(self, document: GlbDocument) -> None:
         self._document = document
-        self._images: dict[tuple[int, bool], tuple[int, Tensor]] = {}
+        self._images: dict[tuple[int, bool], _Written] = {}
         self._samplers: dict[tuple[int, ...], int] = {}
+        self.lost: dict[str, dict[str, None]] = {}  # what the file is without, and the names of the materials
 
     def entry(self, material: Material) -> dict[str, Any]:
         """The JSON of a material; its textures become entries of the document."""
@@ -116,6 +124,8 @@ class MaterialWriter:
         self._put(out, "emissiveTexture", material, "emission_texture")
 
     def _phong(self, material: Material, out: dict[str, Any]) -> dict[str, Any]:
+        if material.specular_texture is not None:
+            self._lose("the specular textures of Phong", material)
         out["extras"] = {
             PHONG: {
                 "specular": float(material.specular),
@@ -182,7 +192,13 @@ class MaterialWriter:
         if texture is None:
             return
         sampler = material.sampler(field)
-        info: dict[str, Any] = {"index": self._texture(texture, sampler, plain=plain)}
+        image = self._image(texture, plain=plain)
+        what = field.replace("_", " ")
+        if image.clipped:
+            self._lose(f"what the {what}s have above 1", material)
+        if image.rounded and texture is getattr(material, field):
+            self._lose(f"more than 8 bits of the {what}s", material)
+        info: dict[str, Any] = {"index": self._texture(image.number, sampler)}
         if sampler.uv_set:
             info["texCoord"] = sampler.uv_set
         if not torch.equal(sampler.transform, PLAIN.transform):
@@ -190,8 +206,10 @@ class MaterialWriter:
             self._document.extensions.add("KHR_texture_transform")
         holder[name] = info | {k: float(v) for k, v in more.items() if v != 1.0}
 
-    def _texture(self, texture: Tensor, sampler: Sampler, *, plain: bool) -> int:
-        image = self._image(texture, plain=plain)
+    def _lose(self, what: str, material: Material) -> None:
+        self.lost.setdefault(what, {})[material.name] = None
+
+    def _texture(self, image: int, sampler: Sampler) -> int:
         high, low = _FILTERS[sampler.filter]
         key = (high, low, _WRAPS[sampler.wrap_u], _WRAPS[sampler.wrap_v])
         if key not in self._samplers:
@@ -201,20 +219,32 @@ class MaterialWriter:
         known: list[dict[str, Any]] = self._document.json.setdefault("textures", [])
         return known.index(entry) if entry in known else self._document.add("textures", entry)
 
-    def _image(self, texture: Tensor, *, plain: bool) -> int:
+    def _image(self, texture: Tensor, *, plain: bool) -> _Written:
         key = (id(texture), plain)
         if key not in self._images:
-            values = texture.float().clamp(0.0, 1.0).detach()
+            values = texture.float().detach()
+            clipped, values = bool(values.amax() > 1.0 + _CLIPPED), values.clamp(0.0, 1.0)
             if values.shape[2] == 1:
                 values = values.expand(-1, -1, 3)
             color = values[..., :3] if plain else srgb_from_linear(values[..., :3])
-            codes = (torch.cat([color, values[..., 3:]], dim=-1) * 255.0 + 0.5).to(torch.uint8).numpy()
+            shades = torch.cat([color, values[..., 3:]], dim=-1) * 255.0
+            codes = (shades + 0.5).to(torch.uint8)
+            rounded = codes_of(texture) is None and bool((shades - codes).abs().amax() > _OFF)
             file = io.BytesIO()
-            Image.fromarray(codes).save(file, format="PNG")
+            Image.fromarray(codes.numpy()).save(file, format="PNG")
             entry = {"bufferView": self._document.view(file.getvalue()), "mimeType": "image/png"}
-            # The tensor is kept, so that its id stays its own.
-            self._images[key] = self._document.add("images", entry), texture
-        return self._images[key][0]
+            number = self._document.add("images", entry)
+            self._images[key] = _Written(number, texture, clipped=clipped, rounded=rounded)
+        return self._images[key]
+
+
+class _Written(NamedTuple):
+    """A texture as an image of the document."""
+
+    number: int
+    texture: Tensor  # kept, so that its id stays its own
+    clipped: bool  # it has numbers above 1
+    rounded: bool  # it has more than 8 bits
 
 
 def downwards(transform: Tensor) -> dict[str, Any]:

@@ -59,9 +59,8 @@ def glb_bytes(scene: Scene, name: str | Path = "scene.glb") -> bytes:
     """
     if not any(len(m.faces) for m in scene.meshes):
         raise SceneFileError(name, "the scene holds no triangles to write")
-    _warn_losses(scene)
     out = _Writer(scene.name)
-    out.materials(scene)
+    _warn_losses(scene, out.materials(scene))
     out.objects(scene)
     for title, camera in scene.cameras.items():
         out.camera(title, camera)
@@ -71,7 +70,7 @@ def glb_bytes(scene: Scene, name: str | Path = "scene.glb") -> bytes:
     return out.content(name)
 
 
-def _warn_losses(scene: Scene) -> None:
+def _warn_losses(scene: Scene, of_materials: list[str]) -> None:
     lost = [f"{type(x).__name__} {x.name!r}" for x in scene.lights if not isinstance(x, _PUNCTUAL)]
     if scene.environment is not None:
         lost.append(f"environment {scene.environment.name!r}")
@@ -80,6 +79,7 @@ def _warn_losses(scene: Scene) -> None:
     lost += [f"the off-centre picture of camera {n!r}" for n, c in scene.cameras.items() if off_centre(c)]
     if scene.motions:
         lost.append("animations, skins and morph targets (the present pose is written)")
+    lost += of_materials
     if lost:
         warnings.warn(f"GLB files are written without {', '.join(lost)}", LossWarning, stacklevel=4)
 
@@ -91,6 +91,8 @@ def off_centre(camera: Cameras) -> bool:
     return bool(((k[:2, 2] - middle).abs() > 1e-6 * camera.height).any() or abs(k[0, 0] / k[1, 1] - 1) > 1e-9)
 
 
+_MOST_NAMED = 8
+"""Materials that a warning names for each thing that they lose."""
 _PUNCTUAL = (PointLight, SpotLight, DirectionalLight)
 
 
@@ -100,11 +102,12 @@ class _Writer(GlbDocument):
     def __init__(self, name: str) -> None:
         super().__init__(name)
 
-    def materials(self, scene: Scene) -> None:
-        """All materials, used or not: meshes name them by number."""
+    def materials(self, scene: Scene) -> list[str]:
+        """All materials, used or not: meshes name them by number. What they lose, in words."""
         writer = MaterialWriter(self)
         for material in scene.materials:
             self.add("materials", writer.entry(material))
+        return [f"{what} of {_listed(list(names))}" for what, names in writer.lost.items()]
 
     # ---------------------------------------------------------------- meshes
 
@@ -211,6 +214,11 @@ class _Writer(GlbDocument):
         lights.append(entry)
         node["extensions"] = {"KHR_lights_punctual": {"light": len(lights) - 1}}
         self.node(node)
+
+
+def _listed(names: list[str]) -> str:
+    more = [f"{len(names) - _MOST_NAMED} more"] if len(names) > _MOST_NAMED else []
+    return ", ".join([*(repr(name) for name in names[:_MOST_NAMED]), *more])
 
 
 def _vertex_colors(mesh: Mesh) -> np.ndarray | None:
