@@ -63,13 +63,13 @@ def test_views_are_drawn_from_keyframes_of_one_state_of_the_scene(server: Runnin
     """What a program has moved, or an animation, is not seen twice."""
     with StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=1, overscan=1.2, keep=2) as client:
         earlier = still_keyframe(client)
-        client.wish(layers=0)
-        client.send_pose(moved(client.camera, 0.3))
-        newest = client.receive()
+        newest = client.receive(pose=client.send_pose(moved(client.camera, 0.3)))
         assert (earlier.revision, earlier.scene_s) == (newest.revision, newest.scene_s) == (0, None)
         aside = moved(client.camera, -0.2)
         both = client.view(aside)
-        assert int(both.source.max()) >= len(newest.images), "the earlier one fills what the newest does not reach"
+        assert client.kept[-2].id >= earlier.id and int(both.source.max()) >= len(newest.images), (
+            "the earlier one fills what the newest does not reach"
+        )
         for other in ({"revision": 1}, {"scene_s": 0.5}):
             client.kept[-1] = replace(newest, **other)
             alone = client.view(aside)
