@@ -74,7 +74,7 @@ def agreement(browser: Any, service: Service, scene: str) -> list[str]:
     images = [page_image(visit.page, *pair) for pair in zip(messages, pictures, strict=True)]
     view, depth = visit.state("camera"), pictures[0].depth
     codes = pictures[0].codes.numpy()
-    shown, covered = visit.capture(earlier=False, layers=False, fill=False)
+    shown, covered = visit.capture(earlier=False, layers=False, fill=False, direct=False)
     top, left = (codes.shape[0] - shown.shape[0]) // 2, (codes.shape[1] - shown.shape[1]) // 2
     picture = codes[top : top + shown.shape[0], left : left + shown.shape[1]]
     row = [scene, f"{psnr(shown, picture, covered):.1f}"]
