@@ -195,8 +195,8 @@ Turning in the Cornell box for four seconds while the server renders on the same
 ## Views of programs
 
 `tr.show` in a program, and its page in a browser that runs already, on the same cores, {python_views.SIZE[0]} x
-{python_views.SIZE[1]} pixels; a grid of hills for the update, timed by the page. The last row: wrong clicks of those in the page, and how
-far the points of the right ones lay from where a ray meets the triangle. By itself:
+{python_views.SIZE[1]} pixels; a grid of hills for the update, timed by the page. The last row: wrong clicks of those in
+the page, and how far the points of the right ones lay from where a ray meets the triangle. By itself:
 `python tests/benchmarks/python_views.py`.
 
 {table(python_views.ROWS, programs)}"""
