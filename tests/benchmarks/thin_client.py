@@ -74,7 +74,7 @@ def agreement(browser: Any, service: Service, scene: str) -> list[str]:
     images = [page_image(visit.page, *pair) for pair in zip(messages, pictures, strict=True)]
     view, depth = visit.state("camera"), pictures[0].depth
     codes = pictures[0].codes.numpy()
-    shown, covered = visit.capture(earlier=False, layers=False, fill=False)
+    shown, covered = visit.capture(earlier=False, layers=False, fill=False, direct=False)
     top, left = (codes.shape[0] - shown.shape[0]) // 2, (codes.shape[1] - shown.shape[1]) // 2
     picture = codes[top : top + shown.shape[0], left : left + shown.shape[1]]
     row = [scene, f"{psnr(shown, picture, covered):.1f}"]
@@ -195,8 +195,8 @@ Turning in the Cornell box for four seconds while the server renders on the same
 ## Views of programs
 
 `tr.show` in a program, and its page in a browser that runs already, on the same cores, {python_views.SIZE[0]} x
-{python_views.SIZE[1]} pixels; a grid of hills for the update. The last row: wrong clicks of those in the page, and how
-far the points of the right ones lay from where a ray meets the triangle. By itself:
+{python_views.SIZE[1]} pixels; a grid of hills for the update, timed by the page. The last row: wrong clicks of those in
+the page, and how far the points of the right ones lay from where a ray meets the triangle. By itself:
 `python tests/benchmarks/python_views.py`.
 
 {table(python_views.ROWS, programs)}"""

@@ -73,6 +73,26 @@ def test_what_is_said_has_room(visit: Callable[..., Visit], width: int, height: 
     assert page.page.evaluate(inside)
 
 
+@pytest.mark.parametrize("touch", [False, True], ids=["mouse", "touch"])
+@pytest.mark.parametrize("mode", ["walk", "orbit"])
+def test_a_frame_of_320_by_240_has_room(visit: Callable[..., Visit], touch: bool, mode: str) -> None:
+    context = {"viewport": {"width": 320, "height": 240}, "has_touch": touch, "is_mobile": touch}
+    page = visit(context=context, layers=0)
+    page.wait(JPEG_READY)
+    page.page.evaluate(BUSY)
+    names = [".brand", "#scene", "#status", "#add", "#toggle", "#picked", "#notice"]
+    names += ["#stick"] if touch and mode == "walk" else []
+    say = """([name, text]) => {
+      const e = document.querySelector(name);
+      e.hidden = false;
+      e.textContent = text;
+    }"""
+    page.page.evaluate(say, ["#notice", "The server refuses: the pose lies outside of what can be shown"])
+    assert page.page.evaluate(APART, [names, mode]) == []
+    page.page.evaluate(say, ["#message", "The scene living room, as it was shown, was deleted."])
+    assert page.page.evaluate(APART, [[*names, "#message"], mode]) == []
+
+
 def test_a_scene_that_is_deleted_goes_by_its_name(visit: Callable[..., Visit], service: Service) -> None:
     body = b'name = "crate"\n[[geometry]]\nshape = "box"\nsize = 1.0\n'
     asked = urllib.request.Request(f"{service.url}v1/scenes?name=old_crate", body, {"content-type": "application/toml"})
@@ -84,6 +104,7 @@ def test_a_scene_that_is_deleted_goes_by_its_name(visit: Callable[..., Visit], s
     urllib.request.urlopen(urllib.request.Request(f"{service.url.rstrip('/')}{place}", method="DELETE"))
     says(page.page, "#message", "The scene old crate was deleted.")
     assert page.page.locator("#message").inner_text() == "The scene old crate was deleted."
+    assert page.page.locator("#notice").is_hidden(), "once is enough"
 
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}

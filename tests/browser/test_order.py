@@ -87,7 +87,7 @@ def test_the_preferred_sky_shows_where_it_reaches(visit: Callable[..., Visit], o
 
 
 def test_a_surface_hides_the_preferred_sky(visit: Callable[..., Visit]) -> None:
-    page, view = visit(layers=0), turned(0.0, 40.0)
+    page, view = visit(layers=0), turned(0.01, 40.0)
     page.wait(JPEG_READY)
     camera = turned(0.0, 45.0)
     sky = torch.full((SIZE[1], SIZE[0]), torch.inf)

@@ -43,15 +43,17 @@ def test_the_page_shows_the_scene(room: Visit) -> None:
 
 
 def test_a_still_view_is_the_source_picture(room: Visit, source: list[KeyframeImage]) -> None:
-    shown, covered = room.capture(earlier=False, layers=False, fill=False, mirrors=False)
+    shown, covered = room.capture(earlier=False, layers=False, fill=False, mirrors=False, direct=False)
     height, width = shown.shape[:2]
     codes = source[0].codes.numpy()
     top, left = (codes.shape[0] - height) // 2, (codes.shape[1] - width) // 2
     picture = codes[top : top + height, left : left + width]
     assert covered.mean() > 0.999
     assert psnr(shown, picture, covered) >= 50.0
-    with_all, _ = room.capture(fill=False)
+    with_all, _ = room.capture(fill=False, direct=False)
     assert psnr(with_all, picture, covered) >= 50.0, "other pictures only fill holes here"
+    as_it_came, covered = room.capture()
+    assert covered.all() and (as_it_came == picture).all()
 
 
 def test_the_canvas_shows_what_is_captured(room: Visit) -> None:
@@ -206,8 +208,8 @@ def test_mirrored_points_move_as_they_do_in_a_mirror(room: Visit, source: list[K
     assert psnr(shown, expected, moving & inside) > psnr(painted, expected, moving & inside) + 6.0
     assert psnr(shown, expected, inside) >= 36.0
     assert psnr(shown, painted, inside & ~grown(moving, 3)) >= 45.0
-    still, known = room.capture(earlier=False, layers=False, fill=False)
-    same, _ = room.capture(earlier=False, layers=False, fill=False, mirrors=False)
+    still, known = room.capture(earlier=False, layers=False, fill=False, direct=False)
+    same, _ = room.capture(earlier=False, layers=False, fill=False, mirrors=False, direct=False)
     assert (still[known] == same[known]).all()
 
 

@@ -120,7 +120,9 @@ def test_a_view_at_rest_previews_a_changed_scene_and_shows_it_before_the_one_at_
     place.take_ack(Ack(id=1), 1.3)
     place.take_ack(Ack(id=2), 1.3)
     assert place.latency_s == pytest.approx(0.1), "the next one takes as long as one of a moving view did"
-    assert place.due(1.3) == "still"
+    assert place.due(1.3) is None, "what changes all the time is not refined in between"
+    assert place.patience(1.3, 9.0) == pytest.approx(0.4)
+    assert place.due(1.71) == "still", "half a second after the last change was begun"
 
 
 def test_what_is_not_a_change_of_the_scene_or_moves_has_no_preview():

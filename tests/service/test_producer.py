@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -73,11 +74,11 @@ class Stage:
 
     def go_on(self) -> str | None:
         """Do what is due, as the stream does; the client acknowledges at once."""
-        kind = self.placement.due(1.0)
+        kind = self.placement.due(time.monotonic())
         if kind is not None:
             asyncio.run(self.producer.make(kind))
             for number in range(self.session.next_id):
-                self.placement.take_ack(Ack(id=number), 1.0)
+                self.placement.take_ack(Ack(id=number), time.monotonic())
         return kind
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+import torchrender as tr
 from keyframe_jobs import HUNDRED, LOSSLESS_COLOR, STILL, aside, error, job, picture_of
 from reflection_scenes import looking, mirror_scene
 from torchrender.clock import interruptible
@@ -461,3 +462,29 @@ def test_a_picture_in_a_hurry_mirrors_what_is_there() -> None:
     plain, plain_local = brighter(replace(STREAMED, reflections="off"), off=("reflections",))
     assert mean - plain < 3.8, "mirrors make it brighter by little"
     assert local < 2.0 * plain_local
+
+
+def test_a_moving_picture_is_as_smooth_as_one_at_rest(monkeypatch) -> None:
+    """What changes from pixel to pixel comes as the mean of as many places; a preview is smooth by being small."""
+    texture = torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(7))
+    scene = tr.Scene(
+        meshes=(tr.Mesh.plane(4.0),),
+        materials=(tr.Material(diffuse_texture=texture),),
+        lights=(tr.DirectionalLight(direction=(0.2, -1.0, 0.1)),),
+        cameras={"above": tr.Cameras.look_at((0.0, 3.0, 0.1), (0.0, 0.0, 0.0), width=64, height=48, fov_deg=50.0)},
+    )
+    there = header_of(aside(scene, 0.01))
+
+    def codes(**rest) -> tuple[np.ndarray, np.ndarray]:
+        """Of a moving picture, after one at rest elsewhere, and of the first at rest of the same view."""
+        renderer = StreamRenderer()
+        renderer.make(scene, job(scene, 1, **STILL))
+        made = [job(scene, 2, camera=there, **LOSSLESS_COLOR, **rest), job(scene, 3, camera=there, **STILL)]
+        moving, still = (picture_of(renderer.make(scene, one)["messages"][0]).codes.numpy() for one in made)
+        return moving.astype(float), still.astype(float)
+
+    off = [np.abs(np.subtract(*codes(**rest))).mean() for rest in ({}, {"preview": True})]
+    monkeypatch.setattr(stream_renderer, "mean_of_places", lambda *given: given[1])
+    off += [np.abs(np.subtract(*codes(**rest))).mean() for rest in ({}, {"preview": True})]
+    assert off[0] < 0.5 * off[2], "it is smoother, and so nearer"
+    assert off[1] == off[3], "a preview stays as it is"

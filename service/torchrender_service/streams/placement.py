@@ -66,6 +66,7 @@ class Placement:
         self._holes = 0.0
         self._begun_at = 0.0  # the last keyframe
         self._changed = False  # the scene, since the last keyframe
+        self._changed_at = 0.0  # when the last one was begun that shows a change
         self._fresh = True  # one keyframe is wanted whatever the pose
         self._whole = True  # the last one has all its layers
         self._shown: Shown | None = None
@@ -151,7 +152,7 @@ class Placement:
             return "moving"
         if self._going(pose, now):
             return "spare" if self._spare(pose, now) else None
-        rested = now - self._moved_at >= self._rest_s
+        rested = now - self._disturbed_at >= self._rest_s
         if not rested or (shown.preview and self._flights):  # made beside a page on this machine, it would come late
             return None
         if not (exact and shown.still):
@@ -160,7 +161,7 @@ class Placement:
 
     def patience(self, now: float, longest: float) -> float:
         """Seconds until something may become due without a message."""
-        times = [self._moved_at + self._rest_s]
+        times = [self._disturbed_at + self._rest_s]
         if self.pose is not None and self._going(self.pose, now):
             times.append(self._begun_at + SPARE_S)
         waits = [time - now for time in times if time > now]
@@ -177,6 +178,12 @@ class Placement:
         """After this time without another view it is at rest: a client that says that it moves and is seldom heard, as
         over a slow link or in a page in the background, has not stopped between two poses."""
         return max(self._still_s, RHYTHM * self._rhythm_s)
+
+    @property
+    def _disturbed_at(self) -> float:
+        """When the view, or the scene, changed last: one that changes all the time is shown by previews alone, and what
+        refines a single change comes after the page has shown it."""
+        return max(self._moved_at, self._changed_at)
 
     def _going(self, pose: Pose, now: float) -> bool:
         return (
@@ -200,6 +207,7 @@ class Placement:
 
     def begin(self, number: int, now: float, *, timed: bool) -> Flight:
         """A keyframe is begun: it takes a credit."""
+        self._changed_at = now if self._changed else self._changed_at
         self._fresh, self._changed, self._begun_at = False, False, now
         flight = self._flights[number] = Flight(now, timed)
         return flight

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.effects.upsampling.outlines import smooth_outlines
+from torchrender.effects.upsampling.outlines import mean_of_places, smooth_outlines
 from torchrender.errors import GradientError, InputError
 from torchrender.raster import rasterize_visibility
 
@@ -47,5 +47,41 @@ def test_mistakes_are_named() -> None:
     with pytest.raises(GradientError):
         smooth_outlines(scene.geometry, seen, torch.zeros(SIZE, SIZE, 3, requires_grad=True))
     both = rasterize_visibility(scene.geometry, tr.Cameras.cat([camera, camera]))
-    with pytest.raises(InputError, match="one perspective camera"):
+    with pytest.raises(InputError, match="one camera"):
         smooth_outlines(scene.geometry, both, torch.zeros(SIZE, SIZE, 3))
+    with pytest.raises(InputError, match="one camera"):
+        mean_of_places(both, torch.zeros(SIZE, SIZE, 3), [(0.0, 0.0)])
+    with pytest.raises(InputError, match="light must have shape"):
+        mean_of_places(seen, torch.zeros(2, 2, 3), [(0.0, 0.0)])
+    with pytest.raises(GradientError):
+        mean_of_places(seen, torch.zeros(SIZE, SIZE, 3, requires_grad=True), [(0.0, 0.0)])
+    for places in ([], [(0.0, 0.0), (0.2, -1.5)], [(float("nan"), 0.0)]):
+        with pytest.raises(InputError, match="places must lie within a pixel"):
+            mean_of_places(seen, torch.zeros(SIZE, SIZE, 3), places)
+
+
+def test_a_mean_of_places_is_that_of_the_light_between_pixels() -> None:
+    """Within an object against bilinear samples of torch; beside a border the light of the other side stays there."""
+    scene = two_boxes()
+    camera = tr.Cameras.look_at((0.4, 0.9, 4.0), (0.0, 0.0, 0.0), width=SIZE, height=SIZE)
+    seen = rasterize_visibility(scene.geometry, camera)
+    light = torch.rand(SIZE, SIZE, 3, generator=torch.Generator().manual_seed(4))
+    places = [(0.0, 0.0), (0.4, -0.1), (-0.25, 0.375), (1.0, -1.0)]
+    rows, columns = torch.meshgrid(*[torch.arange(SIZE) + 0.5] * 2, indexing="ij")
+    sampled = []
+    for right, down in places:
+        grid = torch.stack([columns + right, rows + down], dim=-1)[None] * 2.0 / SIZE - 1.0
+        sampled.append(
+            torch.nn.functional.grid_sample(
+                light.permute(2, 0, 1)[None], grid, padding_mode="border", align_corners=False
+            )[0]
+        )
+    expected = torch.stack(sampled).mean(dim=0).permute(1, 2, 0)
+    made = mean_of_places(seen, light, places)
+    owner = seen.object_id.float()[None]
+    inside = (-torch.nn.functional.max_pool2d(-owner, 3, 1, 1) == torch.nn.functional.max_pool2d(owner, 3, 1, 1))[0, 0]
+    inside[[0, -1]] = inside[:, [0, -1]] = False
+    assert inside.float().mean() > 0.5
+    assert float((made - expected)[inside].abs().max()) < 1e-5
+    plain = of_objects(scene, camera)
+    assert torch.equal(mean_of_places(seen, plain, places), plain), "no object takes the light of another"

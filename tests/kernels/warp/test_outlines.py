@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from torchrender.kernels.warp.outlines import SHORTEST, blend_outlines
+from torchrender.kernels.warp.outlines import SHORTEST, blend_outlines, weigh_neighbours
 
 CAMERA = np.array([[6.0, 0.0, 4.0, 0.0], [0.0, 6.0, 3.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 SHAPE = (6, 8)
@@ -60,3 +60,20 @@ def test_outlines_against_a_loop(seed: int) -> None:
         changed += best > 0
         assert np.allclose(out[at], light[at] + best * (light[other] - light[at]), atol=1e-5)
     assert changed
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_neighbours_against_a_loop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    owner = np.repeat(rng.integers(-1, 2, (3, 8)), 2, axis=0)
+    light, out = rng.random((*SHAPE, 3)).astype(np.float32), np.zeros((*SHAPE, 3), np.float32)
+    weights = rng.random((3, 3)).astype(np.float32)
+    weights /= weights.sum()
+    weigh_neighbours(owner, weights, light, out)
+    for j, i in np.ndindex(SHAPE):
+        expected = np.zeros(3)
+        for dj, di in np.ndindex(3, 3):
+            r, c = j + dj - 1, i + di - 1
+            inside = 0 <= r < SHAPE[0] and 0 <= c < SHAPE[1]
+            expected += weights[dj, di] * light[(r, c) if inside and owner[r, c] == owner[j, i] else (j, i)]
+        assert np.allclose(out[j, i], expected, atol=1e-6)

@@ -7,7 +7,7 @@ from mutants.fault import Fault, faults
 P = "torchrender/"
 S = "service/torchrender_service/"
 JS = S + "static/js/"
-PAGE = "tests/browser/test_page.py tests/browser/test_moving.py tests/browser/test_picture.py"
+PAGE = "tests/browser/test_page.py tests/browser/test_moving.py tests/browser/test_picture.py tests/browser/test_own_view.py"
 
 FAULTS: tuple[Fault, ...] = (
     *faults("planner", P + "planning/search.py", "tests/planning tests/test_renderer.py",
@@ -162,6 +162,7 @@ FAULTS: tuple[Fault, ...] = (
         ("self._flights.pop(number, None)\n        self._fresh = True", "self._flights.pop(number, None)"),
         ("if flight.timed:", "if True:"),
         ("return None if shown.smooth else \"smooth\"", "return \"smooth\""),
+        ("return max(self._moved_at, self._changed_at)", "return self._moved_at"),
     ),
     *faults("service", S + "streams/prediction.py", "tests/service/test_placement.py tests/service/test_small_parts.py tests/service/test_producer.py",
         ("lead = min(max(lead_s, 0.0), MAX_LEAD_S)", "lead = max(lead_s, 0.0)"),
@@ -209,6 +210,7 @@ FAULTS: tuple[Fault, ...] = (
         ("picture.uniforms.trim.value = rank > 0 && !picture.extra;", "picture.uniforms.trim.value = !picture.extra;"),
         ("picture.mesh.geometry.setIndex(this.index);", ""),
         ("+ rank * STEP_BIAS;", ";"),
+        ("if (!whole || !(shiftBetween(view, camera, nearest) < OWN_VIEW)) return false;", ""),
     ),
     *faults("page", JS + "keyframes.js", PAGE,
         ("return group.outdated ? 0 :", "return"),

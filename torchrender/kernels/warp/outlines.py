@@ -1,4 +1,4 @@
-"""Outlines of a picture with one sample a pixel, smoothed by where triangles end between pixels."""
+"""Pictures with one sample a pixel as smooth as the mean of several: at outlines, and within objects."""
 
 from __future__ import annotations
 
@@ -75,3 +75,33 @@ def blend_outlines(seen, mesh, matrix, light, out):
             for k in range(3):
                 own, other = light[j, i, k], light[j + down, i + aside, k]
                 out[j, i, k] = np.float32(own + most * (other - own))
+
+
+@kernel(parallel=True)
+def weigh_neighbours(owner, weights, light, out):
+    """Of each pixel the weighted light of those around it that are of its own object.
+
+    Args:
+        owner: (H,W) object; -1: nothing.
+        weights: (3,3) float32, sum 1; that of what is beyond the picture, or of another object, is the pixel's own.
+        light: (H,W,3). out: (H,W,3).
+    """
+    height, width = owner.shape
+    for j in prange(height):
+        for i in range(width):
+            own = owner[j, i]
+            red, green, blue = light[j, i, 0], light[j, i, 1], light[j, i, 2]
+            first, second, third = red, green, blue
+            for dj in range(-1, 2):
+                r = j + dj
+                if r < 0 or r >= height:
+                    continue
+                for di in range(-1, 2):
+                    c = i + di
+                    if c < 0 or c >= width or owner[r, c] != own:
+                        continue
+                    weight = weights[dj + 1, di + 1]
+                    first += weight * (light[r, c, 0] - red)
+                    second += weight * (light[r, c, 1] - green)
+                    third += weight * (light[r, c, 2] - blue)
+            out[j, i, 0], out[j, i, 1], out[j, i, 2] = first, second, third

@@ -8,9 +8,11 @@ from dataclasses import replace
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from torchrender.effects.upsampling.outlines import smooth_outlines
+from torchrender.effects.upsampling.outlines import mean_of_places, smooth_outlines
 from torchrender.errors import ExposureWarning
+from torchrender.image import Image
 from torchrender.passes.picture import resample
 from torchrender.pipeline.history import Kept
 from torchrender.pipeline.options import RenderOptions
@@ -118,7 +120,7 @@ class StreamRenderer:
                 self._refined.popitem(last=False)
             light = smooth_edges(image, light, ASIDE)
         else:
-            light = smooth_outlines(scene.geometry, image.visibility, light.clamp(max=brightest(stamp)))
+            light = _as_smooth(image, light.clamp(max=brightest(stamp)), preview=job.preview)
         messages = [first_message(stamp, camera, depth, light, render_ms=render_ms, plan=made.plan)]
         if mirrors is not None:
             messages.append(mirror_message(stamp, mirrors))
@@ -290,6 +292,13 @@ class StreamRenderer:
             state.history.of_scene(scene), kept={**state.history.kept, **image.history.shared().kept}
         )
         return Made(image, plan, image.plan.options, image.history, mirrors)
+
+
+def _as_smooth(image: Image, light: Tensor, *, preview: bool) -> Tensor:
+    """Light (H,W,3) of a moving view, about as smooth as a view at rest gets by several pictures."""
+    if not preview:  # a small picture is spread over more pixels, which makes it smooth enough
+        light = mean_of_places(image.visibility, light, ((0.0, 0.0), *ASIDE))
+    return smooth_outlines(image.scene.geometry, image.visibility, light)
 
 
 def _is_shared(kept: Kept) -> bool:

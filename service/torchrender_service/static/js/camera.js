@@ -60,6 +60,20 @@ export const scale = (v, s) => [v[0] * s, v[1] * s, v[2] * s];
 export const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 export const normalize = (v) => scale(v, 1 / (length(v) || 1));
 
+/** Where pixel (x, y) of `view` lies in a picture of `source`: at (left + across x, top + down y). */
+export function pixelsBetween(view, source) {
+  const across = source.fx / view.fx;
+  const down = source.fy / view.fy;
+  return { left: source.cx - across * view.cx, across, top: source.cy - down * view.cy, down };
+}
+
+/** Pixels of `view`, at most, by which `source` shows what is as near as `nearest` at another place than it does. */
+export function shiftBetween(view, source, nearest) {
+  const [to, from] = [parts(view), parts(source)];
+  const turned = Math.max(...from.turn.map((v, k) => Math.abs(v - to.turn[k])));
+  return view.fx * (turned + length(subtract(from.eye, to.eye)) / nearest);
+}
+
 export const eyeOf = (camera) => parts(camera).eye;
 /** Right, down and forward axes of a camera in the world. */
 export const axesOf = (camera) => {

@@ -217,8 +217,10 @@ export class Client {
     this.moving = this.walker.step(passed / 1000);
     if (this.moving) this.hooks.moved();
     const easing = this.easeExposure(passed / 1000);
-    if ((this.moving || this.dirty || easing || this.fade) && !this.lost) this.draw();
-    this.measureHoles(now);
+    const drawn = (this.moving || this.dirty || easing || this.fade) && !this.lost;
+    if (drawn) this.draw();
+    else if (!this.lost) this.warp?.uploadNext();
+    if (!drawn || this.moving) this.measureHoles(now); // what is new is shown first
     this.sendPose();
     if (now - this.figuresAt < FIGURES_INTERVAL) return;
     this.figuresAt = now;
@@ -342,9 +344,9 @@ export class Client {
   // ------------------------------------------------------------------ for window.torchrender
 
   /** Draw another view (default: the present one) beside the loop and read it; the page shows the present one again. */
-  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true, enhance = 0, mirrors = true } = {}) {
-    const exposure = this.ev;
-    this.warp.warp(this.keyframes.pictures(camera, { earlier, layers }), camera, this.near, { enhance, mirrors, exposure });
+  capture({ camera = this.walker.camera, earlier = true, layers = true, fill = true, ...options } = {}) {
+    const pictures = this.keyframes.pictures(camera, { earlier, layers });
+    this.warp.warp(pictures, camera, this.near, { ...options, exposure: this.ev });
     const pixels = this.warp.capture(fill);
     this.dirty = true;
     const { width, height } = this.warp.target;
@@ -356,7 +358,7 @@ export class Client {
     const pictures = this.keyframes.pictures(this.walker.camera, sources);
     const begin = performance.now();
     for (let k = 0; k < count; k++) {
-      this.warp.warp(pictures, this.walker.camera, this.near, sources);
+      this.warp.warp(pictures, this.walker.camera, this.near, { ...sources, direct: false });
       this.warp.present();
       this.warp.finish();
     }

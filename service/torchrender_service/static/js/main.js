@@ -194,7 +194,8 @@ function tellIgnored() {
 }
 
 /** The server does not do what was asked; where that was the view of a link, the scene's own takes its place. */
-function onRefused({ title, detail }) {
+function onRefused({ status, title, detail }) {
+  if (status === 404) return; // the scene is gone: the end of the stream says so
   const lost = !client.keyframes.newest && client.walker.camera && client.walker.camera !== client.walker.home;
   if (lost) client.walker.reset();
   tell(`The server refuses: ${detail || title}${lost ? "; the view is the scene's own" : ""}`);

@@ -26,6 +26,13 @@ vec3 to_display(vec3 c) {
   return mix(12.92 * c, 1.055 * pow(max(c, vec3(1e-9)), vec3(1.0 / 2.4)) - 0.055, vec3(greaterThan(c, vec3(0.0031308))));
 }`;
 
+const EXPOSED = `
+uniform float gain;        // of linear light; 1: colours as they came
+vec3 exposed(vec3 c) {
+  SELDOM(gain != 1.0) c = to_display(min(to_linear(c) * gain, 1.0));
+  return c;
+}`;
+
 // Colours are filtered only among texels of one surface. At the keyframe's own view the weights select one texel, whose
 // bytes come through.
 export const WARP_FRAGMENT = `
@@ -39,7 +46,6 @@ uniform usampler2D joined;  // which of the four texels around each corner are o
 uniform sampler2D color;
 uniform float code_scale;  // 1/z of code 1
 uniform float enhance;     // how much shape is made easier to read; 0: colours as they came
-uniform float gain;        // of linear light; 1: colours as they came
 uniform bool parted;        // what mirrors show apart from the rest
 uniform sampler2D shown;    // what mirrors show, a part of the colours
 uniform usampler2D behind;  // codes of it: 65535 where nothing mirrors
@@ -85,6 +91,7 @@ bool beside_nearer(ivec2 own, float limit, ivec2 last) {
 }
 
 ${LIGHT}
+${EXPOSED}
 // The two parts of a colour, \`all\` becomes the rest: what mirrors show may not be brighter than all. White hides how
 // bright it is: where what is mirrored does not make it so, something else does, and stays.
 vec3 mirrored_part(inout vec3 all, vec3 mirrored) {
@@ -92,11 +99,6 @@ vec3 mirrored_part(inout vec3 all, vec3 mirrored) {
   vec3 rest = to_display(to_linear(all) - light);
   all = mix(rest, all, vec3(greaterThan(all, vec3(0.998))) * vec3(lessThan(light, vec3(1.0))));
   return to_display(light);
-}
-
-vec3 exposed(vec3 c) {
-  SELDOM(gain != 1.0) c = to_display(min(to_linear(c) * gain, 1.0));
-  return c;
 }
 
 vec3 color_at(ivec2 p) {
@@ -171,6 +173,21 @@ export const SCREEN_VERTEX = `
 precision highp float;
 in vec3 position;
 void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
+
+// A picture seen from where it was taken: every pixel is covered, and nothing hides anything.
+export const DIRECT_FRAGMENT = `
+precision highp float;
+precision highp int;
+uniform sampler2D color;
+uniform vec4 place;  // where the lower left corner of the view lies in the picture, and one pixel of the view
+layout(location = 0) out vec4 picture;
+${SELDOM}
+${LIGHT}
+${EXPOSED}
+void main() {
+  vec2 p = place.xy + place.zw * gl_FragCoord.xy;
+  picture = vec4(exposed(textureLod(color, p / vec2(textureSize(color, 0)), 0.0).rgb), 1.0);
+}`;
 
 // A picture with the light that its mirrors show, from where that seems to be; where no such sample reaches, it stays
 // where it was, painted on the mirror.

@@ -20,14 +20,16 @@ import {
   UnsignedByteType,
   UnsignedShortType,
   Vector3,
+  Vector4,
   WebGLRenderer,
   WebGLRenderTarget,
 } from "../vendor/three/three.module.min.js";
-import { clipFromSource, eyeOf, length, subtract } from "./camera.js";
+import { clipFromSource, eyeOf, length, pixelsBetween, shiftBetween, subtract } from "./camera.js";
 import { FIRST, PREFERENCE, Pyramid } from "./pyramid.js";
 import {
   COUNT_FRAGMENT,
   COUNT_TILE,
+  DIRECT_FRAGMENT,
   FILL_FRAGMENT,
   MIRROR_FRAGMENT,
   SCREEN_VERTEX,
@@ -45,6 +47,7 @@ const STEP_BIAS = 0.001;
 // Seen from the very eye of the preferred picture nothing can come out from behind anything: others only fill holes.
 const SAME_EYE = 0.05; // in clip distances
 const FILL_BIAS = 0.9;
+const OWN_VIEW = 0.02; // pixels by which a view may differ from a picture's own to be shown as that
 
 const material = (vertexShader, fragmentShader, uniforms, depth) =>
   new RawShaderMaterial({
@@ -71,6 +74,14 @@ const exact = (texture, filter) => {
   return texture;
 };
 
+/** Whether a picture was taken from where a view looks, and shows all that the view does. */
+function showsAll({ camera, nearest, whole }, view) {
+  if (!whole || !(shiftBetween(view, camera, nearest) < OWN_VIEW)) return false;
+  const { left, across, top, down } = pixelsBetween(view, camera);
+  const inside = (start, step, count, size) => start > -OWN_VIEW && start + step * count < size + OWN_VIEW;
+  return inside(left, across, view.width, camera.width) && inside(top, down, view.height, camera.height);
+}
+
 /** Corner order of all quads, shared by all pictures. */
 function quadIndex(count) {
   const index = new Uint32Array(6 * count);
@@ -93,6 +104,7 @@ export class Warp {
     this.scene.matrixWorldAutoUpdate = false;
     this.index = quadIndex(16384);
     this.pictures = new Set();
+    this.waiting = []; // textures of samples, to be uploaded while nothing is drawn: a picture shown as it is needs none
     this.prepared = null; // a picture of nothing, whose shaders are those of all pictures
     this.target = null;
     const triangle = new BufferGeometry();
@@ -118,6 +130,13 @@ export class Warp {
       beyond: { value: null },
     });
     this.mirrorBuffers = null; // made when a mirror is first seen
+    this.whole = false; // what was warped last is a picture as it is: samples cover all of it
+    this.drawn = true; // and is in the buffer
+    this.direct = this.pass(triangle, DIRECT_FRAGMENT, {
+      color: { value: null },
+      place: { value: new Vector4() },
+      gain: { value: 1 },
+    });
     this.count = this.pass(triangle, COUNT_FRAGMENT, { warped: { value: null } });
     this.counting = false;
   }
@@ -127,9 +146,9 @@ export class Warp {
     if (this.prepared) return;
     const color = await createImageBitmap(new ImageData(1, 1));
     const quads = { data: new Float32Array(12), count: 1, joined: new Uint8Array(4) };
-    const header = { camera: { width: 1, height: 1 }, layer: 0 };
+    const header = { camera: { width: 1, height: 1 }, depth: { near: 1 }, layer: 0 };
     this.prepared = this.add({ header, codes: new Uint16Array(1), scale: 1, quads, color });
-    const passes = [this.fill, this.count, ...this.pyramid.passes].map(({ scene }) => scene);
+    const passes = [this.direct, this.fill, this.count, ...this.pyramid.passes].map(({ scene }) => scene);
     for (const what of [this.prepared.mesh, ...passes]) this.renderer.compile(what, this.camera);
   }
 
@@ -207,15 +226,21 @@ export class Warp {
     if (6 * image.quads.count > this.index.count) this.growIndex(image.quads.count);
     geometry.setIndex(this.index);
     geometry.setDrawRange(0, 6 * image.quads.count);
-    const { camera, layer } = image.header;
+    const { camera, layer, depth: { near }, mask } = image.header;
     const { exposure = 0, tone_map: tone = "none" } = image.header;
     const shown = { exposure, linear: tone === "none" };
     const picture = { camera, extra: layer > 0, shown, mesh, uniforms, quads: image.quads.count, bitmap: image.color, mirrors: null };
+    Object.assign(picture, { nearest: near, whole: layer === 0 && !mask });
     this.pictures.add(picture);
-    this.renderer.initTexture(depth);
-    this.renderer.initTexture(joined);
     this.renderer.initTexture(color);
+    this.waiting.push(depth, joined);
     return picture;
+  }
+
+  /** Upload a texture that a warp will need. */
+  uploadNext() {
+    const texture = this.waiting.shift();
+    if (texture) this.renderer.initTexture(texture);
   }
 
   /** Join to a picture the one of what its mirrors show. */
@@ -243,6 +268,7 @@ export class Warp {
     mesh.geometry.setIndex(null); // the others still use it
     mesh.geometry.dispose();
     mesh.material.dispose();
+    this.waiting = this.waiting.filter((texture) => texture !== uniforms.depth.value && texture !== uniforms.joined.value);
     uniforms.depth.value.dispose();
     uniforms.joined.value.dispose();
     uniforms.color.value.dispose();
@@ -252,11 +278,15 @@ export class Warp {
   /**
    * Warp `pictures`, the preferred one first, into the buffer as `camera` sees them. `near`: clip distance; `enhance`:
    * how much shape is made easier to read; `mirrors`: what the preferred picture's mirrors show moves by itself;
-   * `exposure`: EV to show pictures with that were not tone mapped, null: as they came.
+   * `exposure`: EV to show pictures with that were not tone mapped, null: as they came; `direct`: seen from where it was
+   * taken, the preferred picture is shown as it is.
    */
-  warp(pictures, camera, near, { enhance = 0, mirrors = true, exposure = null } = {}) {
+  warp(pictures, camera, near, { enhance = 0, mirrors = true, exposure = null, direct = true } = {}) {
     this.scene.clear();
     const first = pictures[0] ?? null;
+    this.whole = direct && !enhance && first !== null && showsAll(first, camera);
+    this.drawn = true;
+    if (this.whole) return this.show(first, camera, exposure);
     const step = first ? length(subtract(eyeOf(first.camera), eyeOf(camera))) : 0;
     const still = step < SAME_EYE * near;
     const least = still ? FILL_BIAS : 0;
@@ -286,6 +316,24 @@ export class Warp {
     this.shown = buffers.joint;
   }
 
+  /** Have a picture drawn as it is, for a view of all or of a part of it: once it is known where. */
+  show(picture, camera, exposure) {
+    this.expose(picture, exposure);
+    const { left, across, top, down } = pixelsBetween(camera, picture.camera);
+    const { uniforms } = this.direct;
+    uniforms.place.value.set(left, top + down * camera.height, across, -down);
+    uniforms.color.value = picture.uniforms.color.value;
+    uniforms.gain.value = picture.uniforms.gain.value;
+    this.shown = this.target;
+    this.drawn = false;
+  }
+
+  /** Draw into the buffer what was not drawn yet. */
+  complete() {
+    if (!this.drawn) this.run(this.direct, this.target);
+    this.drawn = true;
+  }
+
   /** Make a picture, and what its mirrors show, as bright as it would be with another exposure. */
   expose(picture, exposure) {
     const gain = exposure === null || !picture.shown.linear ? 1 : 2 ** (exposure - picture.shown.exposure);
@@ -311,6 +359,7 @@ export class Warp {
 
   /** Keep what was warped, to be faded out: the next `warp` draws elsewhere. */
   putAside() {
+    this.complete();
     const { width, height } = this.target;
     const joint = this.mirrorBuffers?.joint;
     const before = this.shown;
@@ -328,12 +377,14 @@ export class Warp {
    * have samples.
    */
   present({ fill = true, mark = false, target = null, before = null, fade = 1 } = {}) {
+    if (this.whole && !before) return this.run(this.direct, target);
+    this.complete();
     this.fill.uniforms.warped.value = this.shown.texture;
     this.fill.uniforms.before.value = (before ?? this.shown).texture;
     this.fill.uniforms.fade.value = before ? fade : 1;
     this.fill.uniforms.radius.value = fill ? FILL_RADIUS : 0;
     this.fill.uniforms.mark.value = mark;
-    if (fill) this.fill.uniforms.around.value = this.pyramid.build(this.shown.texture, this.run);
+    if (fill && !this.whole) this.fill.uniforms.around.value = this.pyramid.build(this.shown.texture, this.run);
     this.run(this.fill, target);
   }
 
@@ -353,6 +404,7 @@ export class Warp {
    * and `stretched` ones, which a sample covers that stands for much less. Null while a reading is under way.
    */
   async holeShare() {
+    if (this.whole) return { holes: 0, stretched: 0 };
     if (this.counting || !this.target) return null;
     this.counting = true;
     try {
@@ -388,6 +440,7 @@ export class Warp {
 
   /** Wait until everything drawn so far is done. */
   finish() {
+    this.complete();
     this.read(this.shown, 1, 1, new Uint8Array(4));
   }
 
