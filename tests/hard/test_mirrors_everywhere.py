@@ -132,7 +132,7 @@ def test_what_moves_is_never_the_reflection_of_before() -> None:
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.37, 1.1])
-@pytest.mark.parametrize("way", ["traced", "auto"])
+@pytest.mark.parametrize("way", WAYS)
 def test_a_mirror_shows_the_floor_it_stands_on_up_to_where_they_meet(way: str, turn: float) -> None:
     """The floor is the top of a box: no ray sees that from inside, however near to it the ray begins."""
     c, s = math.cos(turn), math.sin(turn)

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from torchrender.buffers import RayHits, VisibilityBuffer
 from torchrender.effects.reflections.clusters.bundle import ClusterCameras
-from torchrender.effects.reflections.reflectors import START, ReflectivePixels
+from torchrender.effects.reflections.reflectors import ReflectivePixels
 from torchrender.kernels.rays.depth_march import CLEAR, HIT
 from torchrender.raster import FragmentTests, rasterize_visibility
 from torchrender.scene.camera import Cameras
@@ -22,6 +22,9 @@ from torchrender.scene.mesh import Geometry
 
 PIXELS_PER_CELL = 4.0
 LEAST_FACING = 0.02
+CLOSE, ROUNDING = 2.0**-8, 1e-6
+"""Distance from a planar mirror from which on it shows things, in widths of a pixel, and of the way from the eye at
+least: rays of curved ones start farther off, but a mirrored eye sees the plane where the eye does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +70,7 @@ def mirror_view(geometry: Geometry, pixels: ReflectivePixels, made: ClusterCamer
     beyond = torch.full((1, seen_from.height, seen_from.width), torch.inf, dtype=torch.float64)
     # A tile a little above the common plane would see itself: it is seen where the mirrored tile is, below.
     facing = (pixels.view[rows] * made.frame[number, 3]).sum(-1).abs().clamp_min(LEAST_FACING)
-    off = START * pixels.pixel_angle[rows] * pixels.length[rows]
+    off = (CLOSE * pixels.pixel_angle[rows]).clamp_min(ROUNDING) * pixels.length[rows]
     beyond[0, row, column] = depth + (off + 2.0 * made.relief[number] / facing) * cosine
     seen = rasterize_visibility(geometry, seen_from, tests=FragmentTests(beyond=beyond))
     triangle = seen.triangle[0, row, column]
