@@ -45,7 +45,7 @@ class RayUnderTest(ServerUnderTest):
 
 
 @contextmanager
-def running_on_ray(replicas: int, *, haproxy: bool = False, **settings: str) -> Iterator[RayUnderTest]:
+def running_on_ray(replicas: int, haproxy: bool, /, **settings: str) -> Iterator[RayUnderTest]:
     """A fresh cluster with replicas of one core, in a folder of its own, behind Ray's proxy or HAProxy.
 
     Raises:

@@ -82,7 +82,7 @@ def replica_record(effort: StreamEffort, *, haproxy: bool = False) -> dict[str, 
     Raises:
         TorchRenderError: HAProxy is not installed.
     """
-    with ready(running_on_ray(2, haproxy=haproxy, **SETTINGS)) as server:
+    with ready(running_on_ray(2, haproxy, **SETTINGS)) as server:
         found = asyncio.run(served(server, effort))
         found["opened"] = asyncio.run(opened(server, effort))
         found["compressed"] = asyncio.run(compressed(server))
@@ -91,7 +91,7 @@ def replica_record(effort: StreamEffort, *, haproxy: bool = False) -> dict[str, 
 
 def lost_record(effort: StreamEffort) -> dict[str, Any]:
     """Two replicas of which one is killed; and when it is back, one taken away."""
-    with ready(running_on_ray(2, **SETTINGS)) as server:
+    with ready(running_on_ray(2, False, **SETTINGS)) as server:
         found = asyncio.run(killed(server, effort))
         end = time.monotonic() + READY_S
         while len(server.replicas()) < 2 and time.monotonic() < end:
