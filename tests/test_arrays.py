@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from torchrender.arrays import Recycler, view
+from torchrender.arrays import LINE, Recycler, empty_aligned, view
 
 SHAPE = (300, 300)
 
@@ -69,3 +69,11 @@ def test_no_more_is_kept_than_asked_for() -> None:
     assert sum(a.nbytes for a in memory._arrays) <= 1 << 20
     assert memory.empty((1 << 10, 1 << 10), np.float64).shape == (1 << 10, 1 << 10), "larger than all that is kept"
     assert memory.empty((0, 5), np.float32).size == 0
+
+
+def test_arrays_begin_with_a_line_of_the_cache() -> None:
+    memory = Recycler(1 << 20)
+    made = [empty_aligned((k, 3), np.float32) for k in range(1, 40)] + [memory.empty(SHAPE, np.int64) for _ in range(3)]
+    made.append(memory.empty((5,), np.uint8))
+    assert all(place(array) % LINE == 0 and array.flags.c_contiguous for array in made)
+    assert made[4].shape == (5, 3) and empty_aligned((0, 2), np.float64).shape == (0, 2)
