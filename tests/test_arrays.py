@@ -9,7 +9,7 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.arrays import Recycler, view
+from torchrender.arrays import LINE, Recycler, empty_aligned, view
 from torchrender.errors import InputError
 
 SHAPE = (300, 300)
@@ -107,3 +107,11 @@ def test_pictures_do_not_depend_on_the_default_type(request: pytest.FixtureReque
     with pytest.raises(InputError):
         tr.render("cornell_box", width=-1)
     assert torch.get_default_dtype() is torch.float64, "the program's own stays"
+
+
+def test_arrays_begin_with_a_line_of_the_cache() -> None:
+    memory = Recycler(1 << 20)
+    made = [empty_aligned((k, 3), np.float32) for k in range(1, 40)] + [memory.empty(SHAPE, np.int64) for _ in range(3)]
+    made.append(memory.empty((5,), np.uint8))
+    assert all(place(array) % LINE == 0 and array.flags.c_contiguous for array in made)
+    assert made[4].shape == (5, 3) and empty_aligned((0, 2), np.float64).shape == (0, 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import sys
 import threading
 from collections.abc import Callable
@@ -12,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+LINE = 64  # bytes of the processor's cache
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -39,10 +41,29 @@ def view(tensor: Tensor, dtype: type | np.dtype[Any]) -> np.ndarray[Any, Any]:
     return np.ascontiguousarray(tensor.detach().cpu().numpy(), dtype=dtype)
 
 
+def empty_aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray[Any, Any]:
+    """An array with anything in it that begins where a line of the processor's cache does.
+
+    Numpy's begin anywhere, and a vector that lies in two lines is read and written twice.
+    """
+    return _aligned(np.empty(_size(shape, dtype) + LINE, np.uint8), shape, dtype)
+
+
+def _size(shape: tuple[int, ...], dtype: type) -> int:
+    return math.prod(shape) * np.dtype(dtype).itemsize
+
+
+def _aligned(memory: np.ndarray[Any, Any], shape: tuple[int, ...], dtype: type) -> np.ndarray[Any, Any]:
+    """A part of ``memory``, of LINE bytes more."""
+    first = -memory.__array_interface__["data"][0] % LINE
+    return memory[first : first + _size(shape, dtype)].view(dtype).reshape(shape)
+
+
 class Recycler:
     """Arrays that nobody else holds any more, handed out again: fresh pages cost as much as what is drawn into them.
 
-    A tensor made from an array, and every view of either, keep it from being handed out.
+    A tensor made from an array, and every view of either, keep it from being handed out. They begin as those of
+    :func:`empty_aligned`.
     """
 
     def __init__(self, most: int) -> None:
@@ -53,20 +74,20 @@ class Recycler:
 
     def empty(self, shape: tuple[int, ...], dtype: type) -> np.ndarray[Any, Any]:
         """An array with anything in it."""
-        size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+        size = _size(shape, dtype) + LINE
         if not _LEAST <= size <= self._most:
-            return np.empty(shape, dtype)
+            return empty_aligned(shape, dtype)
         with self._lock:
             for place in range(len(self._arrays)):
                 kept = self._arrays[place]
                 if kept.nbytes == size and sys.getrefcount(kept) == _UNUSED:
                     self._arrays.append(self._arrays.pop(place))
-                    return kept.view(dtype).reshape(shape)
+                    return _aligned(kept, shape, dtype)
             made = np.empty(size, np.uint8)
             self._arrays.append(made)
             while sum(a.nbytes for a in self._arrays) > self._most:
                 self._arrays.pop(0)
-            return made.view(dtype).reshape(shape)
+            return _aligned(made, shape, dtype)
 
 
 _LEAST = 1 << 18  # bytes; below this the allocator itself keeps pages

@@ -130,11 +130,11 @@ def views_of(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) 
 
 def view_arrays(cameras: Cameras, k: int, world_from_camera: Array, planes: Array) -> View:
     """Camera ``k`` as the kernels read it."""
-    intrinsics = cameras.intrinsics[k].numpy().copy()
+    intrinsics = cameras.intrinsics.numpy()[k].copy()
     intrinsics[0, 2] -= cameras.width >> 1
     intrinsics[1, 2] -= cameras.height >> 1
-    rotation = cameras.rotation[k].numpy()
-    near, far = float(cameras.near[k]), float(cameras.far[k])
+    rotation = cameras.camera_from_world.numpy()[k, :3, :3]
+    near, far = float(cameras.near.numpy()[k]), float(cameras.far.numpy()[k])
     frame = Frame(cameras.width, cameras.height, near, far, cameras.orthographic)
     if not cameras.orthographic:
         return View(np.ascontiguousarray(intrinsics @ rotation), world_from_camera[:3, 3].copy(), planes, frame)

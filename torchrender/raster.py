@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import Recycler
+from torchrender.arrays import Recycler, empty_aligned
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_class
 from torchrender.errors import OptionError
@@ -112,7 +112,7 @@ def _chosen(
     check_choice("cull", cull, CULLING)
     shape = (len(cameras), cameras.height, cameras.width)
     kept: dict[str, Array] = {
-        name: np.empty((*shape, *tail), kind)  # every pixel is written
+        name: empty_aligned((*shape, *tail), kind)  # every pixel is written
         for name, (tail, kind) in _SHAPES.items()
         if name in outputs
     }
@@ -121,7 +121,7 @@ def _chosen(
     if set(outputs) == {"depth"} and tests is None:
         _draw(scene.geometry, cameras, cull, None, Visible(kept["depth"], *NO_IDS))
         return {"depth": torch.from_numpy(kept["depth"])}
-    if tests is None and set(outputs) <= set(kept) and _whole_views(scene.geometry, cameras):
+    if tests is None and set(outputs) <= set(kept) and _whole_views(_triangle_arrays(scene.geometry), cameras):
         # What is not kept has room for one picture a thread.
         own = _room((thread_count(), *shape[1:]), {name: kept[name] for name in SEEN if name in kept})
         wanted = attribute_arrays_of(scene.geometry, cameras, {name: kept[name] for name in direct})
@@ -272,7 +272,7 @@ def _draw(
     """
     triangles = _triangle_arrays(geometry)
     views = views_of(geometry, cameras, tests)
-    if tests is None and _whole_views(geometry, cameras):
+    if tests is None and _whole_views(triangles, cameras):
         every = list(views)
         draw_view.draw_views(triangles, [view for view, _ in every], (cull, every[0][1].holes), outputs, wanted)
         return
@@ -282,8 +282,7 @@ def _draw(
         draw_view.draw_view(triangles, view, cull, checks, one)
 
 
-def _whole_views(geometry: Geometry, cameras: Cameras) -> bool:
-    triangles = _triangle_arrays(geometry)
+def _whole_views(triangles: TriangleArrays, cameras: Cameras) -> bool:
     return draw_view.suits_whole_views(triangles, len(cameras), cameras.width * cameras.height)
 
 

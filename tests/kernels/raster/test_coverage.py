@@ -18,6 +18,7 @@ from torchrender.kernels.raster.coverage import (
     fill_window,
     is_hidden,
     misses,
+    move_bits,
     row_ends,
     window_bits,
     window_start,
@@ -261,10 +262,25 @@ def test_rows_are_reached_where_one_of_their_pixels_is_no_nearer() -> None:
 
 def test_windows_stay_within_their_tile() -> None:
     for x, y in itertools.product(range(2 * TILE_WIDTH), range(2 * TILE_HEIGHT)):
-        left, top = window_start(x, y)
-        assert left <= x <= left + WINDOW and top <= y <= top + WINDOW
-        assert left // TILE_WIDTH == (left + WINDOW - 1) // TILE_WIDTH == x // TILE_WIDTH
-        assert top // TILE_HEIGHT == (top + WINDOW - 1) // TILE_HEIGHT == y // TILE_HEIGHT
+        for last in range(x, min(x + WINDOW, (x // TILE_WIDTH + 1) * TILE_WIDTH)):
+            left, top = window_start(x, y, last)
+            assert left <= x and last < left + WINDOW and top <= y < top + WINDOW
+            assert left // TILE_WIDTH == (left + WINDOW - 1) // TILE_WIDTH == x // TILE_WIDTH
+            assert top // TILE_HEIGHT == (top + WINDOW - 1) // TILE_HEIGHT == y // TILE_HEIGHT
+            assert left % 4 == 0 or last - x // 4 * 4 >= WINDOW
+
+
+def test_few_bits_move_with_the_window() -> None:
+    """To where vectors may begin; those of 2 x 2 pixels stay."""
+    rng = np.random.default_rng(13)
+    for x in range(2 * TILE_WIDTH):
+        wide = min(4, TILE_WIDTH - x % TILE_WIDTH)
+        bits = sum(int(rng.integers(0, 1 << wide)) << (WINDOW * y) for y in range(4))
+        moved, start = move_bits(np.uint64(bits), x)
+        pixels = {(x + k % WINDOW, k // WINDOW) for k in range(64) if bits >> k & 1}
+        assert {(start + k % WINDOW, k // WINDOW) for k in range(64) if int(moved) >> k & 1} == pixels
+        few = all(k in (0, 1, WINDOW, WINDOW + 1) for k in range(64) if bits >> k & 1)
+        assert start == x if few else start % 4 == 0 and start % TILE_WIDTH <= TILE_WIDTH - WINDOW
 
 
 def test_a_small_triangle_is_hidden_where_all_its_pixels_are_nearer() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from torchrender.kernels.raster import direct, many_views
 from torchrender.kernels.raster.records import Frame
+from torchrender.kernels.raster.tiles import BLOCKS
 
 SIZE = (150, 70)  # three tiles by three, of which some are cut
 
@@ -14,7 +15,8 @@ SIZE = (150, 70)  # three tiles by three, of which some are cut
 def canvas_of(frame: Frame) -> direct.Canvas:
     columns, rows = -(-frame.width // 64), -(-frame.height // 32)
     count = columns * rows << direct.PIXEL_BITS
-    canvas = direct.Canvas(np.zeros(count), np.zeros(count, np.int32), columns, 0, 0, frame.width - 1, frame.height - 1)
+    rooms = np.zeros(count), np.zeros(count, np.int32), np.zeros(columns * rows * BLOCKS)
+    canvas = direct.Canvas(*rooms, columns, 0, 0, frame.width - 1, frame.height - 1)
     direct.clear_canvas(canvas, frame)
     return canvas
 
@@ -34,26 +36,49 @@ def test_an_empty_canvas_hides_nothing_but_what_lies_outside(orthographic: bool)
     assert (canvas.ids == -1).all()
 
 
-def test_a_box_is_hidden_where_every_pixel_is_nearer() -> None:
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
+def test_a_box_is_hidden_where_every_pixel_is_nearer(share: float) -> None:
+    """Also where the least keys of blocks were found when less was drawn, of a ``share`` of the picture."""
     frame = Frame(*SIZE, 0.25, 50.0, False)
     canvas = canvas_of(frame)
     rng = np.random.default_rng(5)
     keys = np.where(rng.random(SIZE[::-1]) < 0.02, 0.3, rng.uniform(0.5, 1, SIZE[::-1]))
-    for y in range(SIZE[1]):
-        for x in range(SIZE[0]):
-            canvas.keys[place_of(canvas, x, y)] = keys[y, x]
+    for late in (False, True):
+        for y in range(SIZE[1]):
+            for x in range(SIZE[0]):
+                if late == (x >= share * SIZE[0]):
+                    canvas.keys[place_of(canvas, x, y)] = keys[y, x]
+        if not late:
+            direct.refresh_lows(canvas, (0, 0, *(n - 1 for n in SIZE)))
     answers = []
     for _ in range(300):
         (x0, x1), (y0, y1) = (np.sort(rng.integers(0, n, 2)) for n in SIZE)
         x1, y1 = min(x1, x0 + rng.integers(1, 20)), min(y1, y0 + rng.integers(1, 6))
         hidden = bool((keys[y0 : y1 + 1, x0 : x1 + 1] > 0.4).all())
         assert direct.is_box_hidden(canvas, (x0, y0, x1, y1), 0.4) == hidden
-        reach = (x0, y0, x1, y1, 0.4)
-        assert direct.is_cluster_hidden(canvas, reach) == hidden
         answers.append(hidden)
     assert 30 < sum(answers) < 270
-    assert direct.is_cluster_hidden(canvas, (5, 5, 4, 9, np.inf))  # it holds no pixel
-    assert not direct.is_cluster_hidden(canvas, (0, 0, *(n - 1 for n in SIZE), 1e-3))  # too many to compare
+
+
+def test_the_least_keys_of_a_box_are_found_and_no_others() -> None:
+    frame = Frame(*SIZE, 0.25, 50.0, False)
+    canvas = canvas_of(frame)
+    canvas.keys[:] = np.random.default_rng(7).uniform(0.5, 1, canvas.keys.shape)
+    canvas.lows[:] = 0.0
+    direct.refresh_lows(canvas, (20, 6, 70, 33))
+    blocks = canvas.keys.reshape(-1, 4, 8, 4, 16).min(axis=(2, 4))  # (tiles, rows, columns) of blocks
+    places = {(x // 16, y // 8) for x in range(20, 71) for y in range(6, 34)}
+    for n, low in enumerate(canvas.lows):
+        tile, j, i = n // BLOCKS, n % BLOCKS // 4, n % 4
+        known = (tile % canvas.columns * 4 + i, tile // canvas.columns * 4 + j) in places
+        assert low == (blocks[tile, j, i] if known else 0.0)
+
+
+def test_boxes_are_cut_by_the_canvas() -> None:
+    canvas = canvas_of(Frame(*SIZE, 0.25, 50.0, False))._replace(left=64, top=32, right=100, bottom=60)
+    assert direct.box_within(canvas, (5, 40, 99, 99)) == (64, 40, 99, 60)
+    x0, _, x1, _ = direct.box_within(canvas, (5, 40, 60, 99))
+    assert x0 > x1
 
 
 @pytest.mark.parametrize("orthographic", [False, True])

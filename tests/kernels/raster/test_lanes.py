@@ -5,19 +5,17 @@ from __future__ import annotations
 import numba
 import numpy as np
 import pytest
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
 from torchrender.kernels.raster.fragments import has_triangle
-from torchrender.kernels.raster.lanes import vectors
 from torchrender.kernels.raster.lanes.pixels import (
     covered_window,
     keep_nearest,
+    least_of,
     reaches,
     same_lanes,
     unseen_lanes,
 )
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, find_rows
 from torchrender.kernels.raster.lanes.seen import write_mixed, write_seen
 from torchrender.kernels.raster.lanes.vectors import LANES
 
@@ -25,24 +23,6 @@ from torchrender.kernels.raster.lanes.vectors import LANES
 @numba.njit
 def window(edges, tall):
     return covered_window(edges, tall)
-
-
-@intrinsic
-def doubles_of(typingctx, values, out):  # noqa: ARG001
-    def generate(context, builder, sig, args):
-        first = ir.Constant(vectors.I64, 0)
-        read = builder.load(vectors.place_of(context, builder, sig.args[0], args[0], first, vectors.LONGS))
-        read.align = 8
-        made = vectors.as_doubles(builder, read)
-        builder.store(made, vectors.place_of(context, builder, sig.args[1], args[1], first, vectors.DOUBLES)).align = 8
-        return context.get_dummy_value()
-
-    return types.void(values, out), generate
-
-
-@numba.njit
-def to_doubles(values, out):
-    doubles_of(values, out)
 
 
 @numba.njit
@@ -79,6 +59,16 @@ def unseen(keys, ids, place, mask, plane, t, spot, earlier):
     return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane + spot, np.int32(t), earlier)
 
 
+@numba.njit
+def least(values, place, rows, step):
+    return least_of(values, np.uintp(place), rows, step)
+
+
+@numba.njit
+def rows_of(first, last, edges, rows, width):
+    return find_rows(first, last, edges, rows, width)
+
+
 def set_bits(mask: int) -> set[int]:
     return {k for k in range(64) if (int(mask) >> k) & 1}
 
@@ -98,17 +88,35 @@ def test_a_window_is_inside_where_all_three_edges_are_not_negative() -> None:
             assert set_bits(window((*e, *dx, *dy), False)) == {k for k in inside if k < 32}
 
 
-def test_integers_become_the_nearest_numbers() -> None:
-    """Halfway between two of them, too, and at the ends of what 64 bits hold."""
-    rng = np.random.default_rng(6)
-    special = [0, -1, 1, (1 << 53) + 1, -(1 << 53) - 1, (1 << 54) + 2, (1 << 62) + 1, (1 << 63) - 1, -(1 << 63)]
-    values = np.concatenate([special, rng.integers(-(1 << 63), (1 << 63) - 1, 1000) >> rng.integers(0, 63, 1000)])
-    values = np.resize(values, 1008)
-    out = np.empty(LANES)
-    for first in range(0, len(values), LANES):
-        some = values[first : first + LANES].copy()
-        to_doubles(some, out)
-        assert out.tolist() == [float(int(v)) for v in some]
+def test_the_least_of_rows_is_found() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        values, place, rows = rng.normal(size=90), int(rng.integers(0, 14)), int(rng.integers(1, 4))
+        wanted = min(values[place + 30 * k : place + 30 * k + 2 * LANES].min() for k in range(rows))
+        assert least(values, place, rows, 30) == wanted
+
+
+@pytest.mark.parametrize("size", [1 << 16, 1 << 24, 1 << 30])
+def test_rows_are_those_within_all_three_edges(size: int) -> None:
+    """Exact up to the largest triangles: edges near and far, level, steep, and through pixel centres."""
+    rng = np.random.default_rng(size)
+    kinds = set()
+    for _ in range(400):
+        rows, width = int(rng.integers(1, TILE_HEIGHT + 1)), int(rng.integers(1, TILE_WIDTH + 1))
+        steps = rng.integers(-size, size + 1, (2, 3)) * rng.choice([0, 1, 1, 1], (2, 3))
+        dx, dy = (steps * 32768).tolist()
+        through = rng.integers(-2, [[width + 2], [rows + 2]], (2, 3)).tolist()
+        e = [-dx[k] * through[0][k] - dy[k] * through[1][k] - int(rng.integers(0, 2)) for k in range(3)]
+        e = [e[k] if rng.random() < 0.8 else int(rng.integers(-(1 << 61), 1 << 61)) for k in range(3)]
+        first, last = np.full(TILE_HEIGHT, 99), np.full(TILE_HEIGHT, -99)
+        count = rows_of(first, last, (*e, *dx, *dy), rows, width)
+        inside = [
+            [x for x in range(width) if all(e[k] + dx[k] * x + dy[k] * y >= 0 for k in range(3))] for y in range(rows)
+        ]
+        assert [list(range(first[y], last[y] + 1)) for y in range(rows)] == inside
+        assert count == sum(map(len, inside))
+        kinds.add((count > 0, count == rows * width))
+    assert len(kinds) == 3
 
 
 def test_the_nearest_of_masked_pixels_is_kept_and_others_stay() -> None:

@@ -22,11 +22,17 @@ from torchrender.kernels.raster.records import Frame
 FRAME = Frame(6, 5, 0.1, 10.0, False)
 
 
+def drops(corners: list[tuple[int, int]], cull: int) -> bool:
+    (ax, ay), (bx, by), (cx, cy) = corners
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    return area == 0 or (cull == CULL_BACK and area > 0) or (cull == CULL_FRONT and area < 0)
+
+
 def covers(corners: list[tuple[int, int]], x: int, y: int, cull: int) -> bool:
     """One pixel: exact edges, whose points belong to the triangle on the side that the tie rule names."""
     (ax, ay), (bx, by), (cx, cy) = corners
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if area == 0 or (cull == CULL_BACK and area > 0) or (cull == CULL_FRONT and area < 0):
+    if drops(corners, cull):
         return False
     px, py = (x - 3) * SUBPIXEL + HALF, (y - 2) * SUBPIXEL + HALF
     for (ux, uy), (vx, vy) in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -57,6 +63,8 @@ def test_codes_are_the_pixels_of_a_loop(cull: int) -> None:
     for first, past in runs:
         samples.gather_corners(packed, listed, first, past - first, chunk)
         samples.find_samples(chunk, past - first, FRAME, (0, 0, FRAME.width - 1, FRAME.height - 1), cull)
+        middle = chunk.codes[: past - first] == samples.MIDDLE
+        samples.find_windows(chunk, past - first, FRAME, (0, 0, FRAME.width - 1, FRAME.height - 1))
         listed_ones = chunk.found[: samples.list_found(chunk, past - first)]
         assert listed_ones.tolist() == np.flatnonzero(chunk.codes[: past - first]).tolist()
         for n in range(past - first):
@@ -69,8 +77,10 @@ def test_codes_are_the_pixels_of_a_loop(cull: int) -> None:
             x0, y0, x1, y1 = binning.pixel_box(*corners, (0, 0, 5, 4), 3, 2)
             hit = {(x, y) for y in range(5) for x in range(6) if covers(places, x, y, cull)}
             if code == samples.LARGE:
-                assert max(x1 - x0, y1 - y0) > 1
+                assert max(x1 - x0, y1 - y0) >= samples.SIDE
             else:
+                kept = x0 <= x1 and y0 <= y1 and not drops(places, cull)
+                assert middle[n] == (kept and 1 < max(x1 - x0, y1 - y0) < samples.SIDE)
                 bits = {(x0 + k % 8, y0 + k // 8) for k in range(64) if code >> k & 1}
                 assert bits == hit
             kinds.add(code)

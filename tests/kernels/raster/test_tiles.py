@@ -236,7 +236,7 @@ def test_the_least_keys_of_blocks_bound_what_can_be_seen() -> None:
     blocks = keys.reshape(4, 8, 4, 16).min(axis=(1, 3))
     np.testing.assert_array_equal(lows, blocks.reshape(-1))
     for x0, y0, x1, y1 in ((0, 0, 63, 31), (15, 7, 16, 8), (33, 9, 40, 15), (63, 31, 63, 31)):
-        assert tiles.least_low(lows, x0, y0, x1, y1) == blocks[y0 // 8 : y1 // 8 + 1, x0 // 16 : x1 // 16 + 1].min()
+        assert tiles.least_low(lows, 0, x0, y0, x1, y1) == blocks[y0 // 8 : y1 // 8 + 1, x0 // 16 : x1 // 16 + 1].min()
 
 
 @pytest.mark.parametrize("cull", ["none", "sides"])

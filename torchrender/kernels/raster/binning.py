@@ -154,12 +154,12 @@ def classify_clusters(projected, listed, clusters, frame, how, part, lists, coun
                 continue
             x0, y0, x1, y1 = pixel_box(a, b, c, image, left, top)
             i0, j0, i1, j1 = x0 >> COLUMN_BITS, y0 >> ROW_BITS, x1 >> COLUMN_BITS, y1 >> ROW_BITS
-            bits = coverage.NO_BITS if code == LARGE else np.uint64(code)
+            bits, x0 = (coverage.NO_BITS, x0) if code == LARGE else coverage.move_bits(np.uint64(code), x0)
             whole = i0 == i1 and j0 == j1
             if code == LARGE and max(x1 - x0, y1 - y0) < coverage.WINDOW:
                 whole = whole and (x1 - x0 + 1) * (y1 - y0 + 1) <= coverage.SMALL
                 if whole:
-                    x0, y0 = coverage.window_start(x0, y0)
+                    x0, y0 = coverage.window_start(x0, y0, x1)
                 pixel = ((x0 - left) * SUBPIXEL + HALF, (y0 - top) * SUBPIXEL + HALF)
                 bits = coverage.window_bits(a, b, c, area, pixel, y1 - y0 + 1)
                 if bits == coverage.NO_BITS:

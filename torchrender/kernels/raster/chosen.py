@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import prange
 
-from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.atomics import borrowed, foresee
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.attributes import (
     Eye,
@@ -21,6 +21,8 @@ from torchrender.kernels.raster.attributes import (
     unit,
     uv_density,
 )
+
+AHEAD = 6  # pixels
 
 
 class Eyes(NamedTuple):
@@ -120,6 +122,21 @@ def write_chosen(mesh, t, weights, face, ray, row, outputs):
 
 
 @kernel(inline=True)
+def look_ahead(mesh, row, x, smooth):
+    """What pixels further on in a ``row`` of triangles read is on its way, from memory in no order."""
+    last = row.shape[0] - 1
+    far, near, before = row[min(x + 2 * AHEAD, last)], row[min(x + AHEAD, last)], row[min(x + AHEAD - 1, last)]
+    if far >= 0:
+        foresee(mesh.faces, np.uintp(far))
+    if near >= 0 and near != before:
+        for k in range(3):
+            corner = np.uintp(mesh.faces[near, k])
+            foresee(mesh.vertices, corner)
+            if smooth:
+                foresee(mesh.normals, corner)
+
+
+@kernel(inline=True)
 def write_line(mesh, eye, line, outputs):
     """Chosen attributes of a row of pixels; ``eye``: :class:`~.attributes.Eye`.
 
@@ -132,7 +149,9 @@ def write_line(mesh, eye, line, outputs):
     last = np.int64(-1)
     gx = gy = gz = density = 0.0
     corners = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    ids = borrowed(triangle[y])
     for x in range(triangle.shape[1]):
+        look_ahead(mesh, ids, x, smooth)
         t = triangle[y, x]
         row = start + x
         if t < 0:

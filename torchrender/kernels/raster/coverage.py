@@ -15,6 +15,7 @@ from torchrender.kernels.raster.lanes.pixels import covered_window, keep_nearest
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, find_rows
 from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, snapped_x, snapped_y
+from torchrender.kernels.raster.samples import SAMPLES
 
 WINDOW = LANES  # boxes of at most so many columns and rows are tested as a whole
 SMALL = 24
@@ -60,10 +61,27 @@ def row_ends(corners, area, pixel, size, first, last):
 
 
 @kernel(inline=True)
-def window_start(x, y):
-    """The first pixel moved so that a window from there stays within its tile."""
+def window_start(x, y, last):
+    """The first pixel moved so that a window from there stays within its tile.
+
+    Where that leaves the ``last`` column in it, to one that is a multiple of half a window: what one triangle stores,
+    the next one loads in the same parts, which processors hand over at once.
+    """
     column, row = x & (TILE_WIDTH - 1), y & (TILE_HEIGHT - 1)
+    even = x & -(WINDOW // 2)
+    x, column = (even, column & -(WINDOW // 2)) if last - even < WINDOW else (x, column)
     return x - max(column - (TILE_WIDTH - WINDOW), 0), y - max(row - (TILE_HEIGHT - WINDOW), 0)
+
+
+@kernel(inline=True)
+def move_bits(bits, x):
+    """Bits of a window of few columns from ``x`` on as those of one that :func:`window_start` allows, and its start.
+
+    In the first two columns and rows, which are drawn one by one, they stay.
+    """
+    column = x & (TILE_WIDTH - 1)
+    moved = 0 if bits & ~np.uint64(SAMPLES) == NO_BITS else column - min(column & -(WINDOW // 2), TILE_WIDTH - WINDOW)
+    return bits << np.uint64(moved), x - moved
 
 
 @kernel(inline=True)

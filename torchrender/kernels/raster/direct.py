@@ -21,18 +21,26 @@ from torchrender.kernels.raster.binning import (
     pixel_box,
     side_of,
 )
-from torchrender.kernels.raster.coverage import NO_BITS, ROW, SMALL, WINDOW, window_bits, window_start
+from torchrender.kernels.raster.coverage import NO_BITS, ROW, SMALL, WINDOW, move_bits, window_bits, window_start
 from torchrender.kernels.raster.lanes.pixels import reaches
 from torchrender.kernels.raster.lanes.rows import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, greatest_key
 from torchrender.kernels.raster.records import Buffers
 from torchrender.kernels.raster.samples import CROSSING, LARGE, look_at
-from torchrender.kernels.raster.tiles import draw, draw_bits
+from torchrender.kernels.raster.tiles import (
+    BLOCK_COLUMN_BITS,
+    BLOCK_COLUMNS,
+    BLOCK_ROW_BITS,
+    BLOCKS,
+    draw,
+    draw_bits,
+    find_low,
+    least_low,
+)
 
 PIXEL_BITS = COLUMN_BITS + ROW_BITS  # of a tile
 SLACK = 2.0**-8  # pixels by which rounding and snapping may move a vertex out of the box of its cluster
-SCANNED = 1 << 12  # pixels of a cluster that are compared at most: drawing it costs no more
 
 
 class Canvas(NamedTuple):
@@ -40,6 +48,7 @@ class Canvas(NamedTuple):
 
     keys: np.ndarray  # (tiles << PIXEL_BITS,) float64
     ids: np.ndarray  # (tiles << PIXEL_BITS,) int32
+    lows: np.ndarray  # (tiles * BLOCKS,) float64 least keys of blocks, as of the last finished cluster
     columns: int  # tiles side by side
     left: int  # first column and row of the image, of tiles, and last ones
     top: int
@@ -62,8 +71,8 @@ def tile_at(canvas, column, row):
 @kernel(inline=True)
 def tile_buffers(canvas, tile, buffers):
     """:class:`Buffers` of a tile."""
-    lows, spans, known, planes = buffers.lows, buffers.spans, buffers.known, buffers.planes
-    return Buffers(tile << PIXEL_BITS, canvas.keys, canvas.ids, lows, spans, known, planes)
+    spans, known, planes = buffers.spans, buffers.known, buffers.planes
+    return Buffers(tile << PIXEL_BITS, canvas.keys, canvas.ids, canvas.lows, spans, known, planes)
 
 
 @kernel()
@@ -75,6 +84,8 @@ def clear_canvas(canvas, frame):
     for n in range(np.uintp(canvas.columns * rows << PIXEL_BITS)):
         keys[n] = empty
         ids[n] = -1
+    for n in range(np.uintp(canvas.columns * rows * BLOCKS)):
+        canvas.lows[n] = empty
     for tile in range(canvas.columns * rows):
         across = canvas.right + 1 - canvas.left - ((tile % canvas.columns) << COLUMN_BITS)
         down = canvas.bottom + 1 - canvas.top - ((tile // canvas.columns) << ROW_BITS)
@@ -87,23 +98,57 @@ def clear_canvas(canvas, frame):
 
 
 @kernel(inline=True)
-def is_box_hidden(canvas, box, high):
-    """True if every pixel of a box of the image holds something nearer than the key ``high``."""
+def block_at(canvas, column, row):
+    """Number of the block in this column and row of the image's blocks, and the place of its first pixel."""
+    across, down = COLUMN_BITS - BLOCK_COLUMN_BITS, ROW_BITS - BLOCK_ROW_BITS
+    tile = tile_at(canvas, column >> across, row >> down)
+    x, y = column & ((1 << across) - 1), row & ((1 << down) - 1)
+    place = (tile << PIXEL_BITS) + (y << (BLOCK_ROW_BITS + COLUMN_BITS)) + (x << BLOCK_COLUMN_BITS)
+    return np.uintp(tile * BLOCKS + y * BLOCK_COLUMNS + x), np.uintp(place)
+
+
+@kernel(inline=True)
+def refresh_lows(canvas, box):
+    """Find the least keys of the blocks that a box of the image meets."""
     x0, y0, x1, y1 = box
-    keys = canvas.keys
-    begin, end = x0 & -LANES, x1 & -LANES
-    head = ROW << np.uint64(x0 - begin)
-    tail = ROW >> np.uint64(end + LANES - 1 - x1)
-    for y in range(y0, y1 + 1):
-        row = (tile_at(canvas, 0, y >> ROW_BITS) << PIXEL_BITS) + ((y & (TILE_HEIGHT - 1)) << COLUMN_BITS)
-        for x in range(begin, end + 1, LANES):
-            mask = ROW
-            if x == begin:
-                mask &= head
-            if x == end:
-                mask &= tail
-            place = row + ((x >> COLUMN_BITS) << PIXEL_BITS) + (x & (TILE_WIDTH - 1))
-            if reaches(keys, np.uintp(place), mask, high):
+    for j in range(y0 >> BLOCK_ROW_BITS, (y1 >> BLOCK_ROW_BITS) + 1):
+        for i in range(x0 >> BLOCK_COLUMN_BITS, (x1 >> BLOCK_COLUMN_BITS) + 1):
+            block, place = block_at(canvas, i, j)
+            canvas.lows[block] = find_low(canvas.keys, place)
+
+
+@kernel(inline=True)
+def is_block_hidden(keys, place, part, high):
+    """As :func:`is_box_hidden`, of a part of a block: first column and row, last column and row in it."""
+    x0, y0, x1, y1 = part
+    for x in range(0, 1 << BLOCK_COLUMN_BITS, LANES):
+        begin, end = max(x0 - x, 0), min(x1 - x, LANES - 1)
+        if begin > end:
+            continue
+        mask = ROW << np.uint64(begin) & ROW >> np.uint64(LANES - 1 - end)
+        for y in range(y0, y1 + 1):
+            if reaches(keys, place + np.uintp((y << COLUMN_BITS) + x), mask, high):
+                return False
+    return True
+
+
+@kernel(inline=True)
+def is_box_hidden(canvas, box, high):
+    """True if every pixel of a box of the image holds something nearer than the key ``high``.
+
+    Pixels are compared only in blocks whose least key does not tell.
+    """
+    x0, y0, x1, y1 = box
+    for j in range(y0 >> BLOCK_ROW_BITS, (y1 >> BLOCK_ROW_BITS) + 1):
+        top = j << BLOCK_ROW_BITS
+        for i in range(x0 >> BLOCK_COLUMN_BITS, (x1 >> BLOCK_COLUMN_BITS) + 1):
+            block, place = block_at(canvas, i, j)
+            if high < canvas.lows[block]:
+                continue
+            left = i << BLOCK_COLUMN_BITS
+            last_x, last_y = (1 << BLOCK_COLUMN_BITS) - 1, (1 << BLOCK_ROW_BITS) - 1
+            part = (max(x0 - left, 0), max(y0 - top, 0), min(x1 - left, last_x), min(y1 - top, last_y))
+            if not is_block_hidden(canvas.keys, place, part, high):
                 return False
     return True
 
@@ -153,74 +198,80 @@ def cluster_reaches(bounds, chosen, pose, frame, boxes, highs):
 
 
 @kernel(inline=True)
-def is_cluster_hidden(canvas, reach):
-    """True if nothing of a cluster is seen; see :func:`cluster_reach`."""
-    x0, y0, x1, y1, high = reach
-    x0, y0, x1, y1 = max(x0, canvas.left), max(y0, canvas.top), min(x1, canvas.right), min(y1, canvas.bottom)
-    if x0 > x1 or y0 > y1:
-        return True
-    if (x1 - x0 + 1) * (y1 - y0 + 1) > SCANNED:
-        return False
-    return is_box_hidden(canvas, (x0, y0, x1, y1), high)
+def box_within(canvas, box):
+    """What the canvas holds of a box of the image."""
+    x0, y0, x1, y1 = box
+    return max(x0, canvas.left), max(y0, canvas.top), min(x1, canvas.right), min(y1, canvas.bottom)
 
 
 @kernel(inline=True)
 def draw_box(place, corners, high, scene, frame, tests, canvas, buffers):
-    """One triangle into the tiles that its box of pixels meets."""
+    """One triangle into the tiles that its box of pixels meets; returns the number of pixels tried."""
     a, b, c = corners
     x0, y0, x1, y1 = pixel_box(a, b, c, part_of(canvas), frame.width >> 1, frame.height >> 1)
+    tried = np.int64(0)
     if x0 > x1 or y0 > y1:
-        return
+        return tried
     for j in range(y0 >> ROW_BITS, (y1 >> ROW_BITS) + 1):
         for i in range(x0 >> COLUMN_BITS, (x1 >> COLUMN_BITS) + 1):
             left, top = i << COLUMN_BITS, j << ROW_BITS
             own = (max(x0, left), max(y0, top), min(x1, left + TILE_WIDTH - 1), min(y1, top + TILE_HEIGHT - 1))
             part = (own[0] - left, own[1] - top, own[2] - left, own[3] - top, left, top)
             tile = tile_at(canvas, i, j)
-            draw(place, corners, part, high, scene, frame, tests, tile_buffers(canvas, tile, buffers))
+            if high < least_low(canvas.lows, tile * BLOCKS, part[0], part[1], part[2], part[3]):
+                continue
+            tried += draw(place, corners, part, high, scene, frame, tests, tile_buffers(canvas, tile, buffers))
+    return tried
 
 
 @kernel()
 def draw_clipped(scene, places, frame, sides, tests, tiles):
-    """The triangles at these places, which cross the near plane or leave the guard band."""
+    """The triangles at these places, which cross the near plane or leave the guard band; as :func:`draw_box`."""
     corners = np.empty(((MAX_CLIPPED - 2) * places.shape[0], 3), np.int64)
     owners = np.empty(corners.shape[0], np.int32)
     canvas, buffers = tiles
     cull, single_sided = sides
     made = clip_triangles(scene.points, scene.listed, places, frame, (cull, single_sided, scene.order), corners, owners)
+    tried = np.int64(0)
     for n in range(made):
         triangle = (corners[n, 0], corners[n, 1], corners[n, 2])
-        draw_box(np.uintp(owners[n]), triangle, np.inf, scene, frame, tests, canvas, buffers)
+        tried += draw_box(np.uintp(owners[n]), triangle, np.inf, scene, frame, tests, canvas, buffers)
+    return tried
 
 
 @kernel(inline=True)
 def draw_whole(place, corners, code, box, scene, frame, earlier, tiles):
-    """A triangle whose box is a part of one tile and no larger than a window."""
+    """A triangle whose box is a part of one tile and no larger than a window; returns the number of pixels tried."""
     a, b, c = corners
     canvas, buffers = tiles
     x0, y0, x1, y1 = box
     column, row = x0 >> COLUMN_BITS, y0 >> ROW_BITS
+    left, top = column << COLUMN_BITS, row << ROW_BITS
     small = (x1 - x0 + 1) * (y1 - y0 + 1) <= SMALL
+    tile = tile_at(canvas, column, row)
+    high = greatest_key(scene.points, scene.listed, place, frame)
     bits = np.uint64(code)
     if code == LARGE:
-        x0, y0 = window_start(x0, y0)
+        if high < least_low(canvas.lows, tile * BLOCKS, x0 - left, y0 - top, x1 - left, y1 - top):
+            return np.int64(0)
+        x0, y0 = window_start(x0, y0, x1)
         px, py = x0 - (frame.width >> 1), y0 - (frame.height >> 1)
         pixel = (px * SUBPIXEL + HALF, py * SUBPIXEL + HALF)
         bits = window_bits(a, b, c, doubled_area(a, b, c), pixel, y1 - y0 + 1)
         if bits == NO_BITS:
-            return
-    left, top = column << COLUMN_BITS, row << ROW_BITS
-    high = greatest_key(scene.points, scene.listed, place, frame)
-    tile = tile_at(canvas, column, row)
+            return np.int64(0)
+    else:
+        bits, x0 = move_bits(bits, x0)
     spot, own = (x0 - left, y0 - top, left, top, small), tile_buffers(canvas, tile, buffers)
-    draw_bits(place, bits, spot, high, scene, frame, earlier, own)
+    return np.int64(draw_bits(place, bits, spot, high, scene, frame, earlier, own))
 
 
-@kernel()
+@kernel(inline=True)
 def draw_chunk(scene, part, frame, sides, tests, canvas, buffers, room):
     """The triangles of :func:`~.samples.look_at`; ``part``: the place of the first one, and how many were found.
 
-    ``room``: a :class:`~.samples.Chunk` and places of triangles to clip; returns how many these are.
+    ``room``: a :class:`~.samples.Chunk` and places of triangles to clip; returns how many these are, and the number of
+    pixels tried.
     """
     scene, tests = borrowed(scene), borrowed(tests)
     canvas, buffers = borrowed(canvas), borrowed(buffers)
@@ -231,7 +282,7 @@ def draw_chunk(scene, part, frame, sides, tests, canvas, buffers, room):
     image = part_of(canvas)
     left, top = frame.width >> 1, frame.height >> 1
     holed = tests.holes.mask.shape[0] > 0
-    m = np.uintp(0)
+    m, tried = np.uintp(0), np.int64(0)
     for number in range(found):
         n = np.uintp(chunk.found[number])
         code = chunk.codes[n]
@@ -252,22 +303,23 @@ def draw_chunk(scene, part, frame, sides, tests, canvas, buffers, room):
         whole = box[0] >> COLUMN_BITS == box[2] >> COLUMN_BITS and box[1] >> ROW_BITS == box[3] >> ROW_BITS
         whole = whole and max(box[2] - box[0], box[3] - box[1]) < WINDOW
         if whole and not (holed and tests.holes.mask[t] >= 0):
-            draw_whole(place, (a, b, c), code, box, scene, frame, tests.earlier, (canvas, buffers))
+            tried += draw_whole(place, (a, b, c), code, box, scene, frame, tests.earlier, (canvas, buffers))
             continue
         high = greatest_key(scene.points, scene.listed, place, frame)
-        draw_box(place, (a, b, c), high, scene, frame, tests, canvas, buffers)
-    return np.int64(m)
+        tried += draw_box(place, (a, b, c), high, scene, frame, tests, canvas, buffers)
+    return np.int64(m), tried
 
 
-@kernel()
+@kernel(inline=True)
 def draw_cluster(scene, packed, run, frame, sides, tests, tiles, room):
-    """The triangles at the places ``run[0]`` to ``run[1] - 1``.
+    """The triangles at the places ``run[0]`` to ``run[1] - 1``; returns the number of pixels tried.
 
     ``packed``: the memory of the scene's points as integers; ``sides``: what to cull of all triangles, and which ones
     are single-sided (F,) or (0,); ``tiles``: :class:`Canvas` and :class:`Buffers`; ``room``: as of :func:`draw_chunk`.
     """
     canvas, buffers = tiles
     found = look_at(packed, scene.listed, run, frame, part_of(canvas), sides[0], room[0])
-    crossing = draw_chunk(scene, (run[0], found), frame, sides, tests, canvas, buffers, room)
+    crossing, tried = draw_chunk(scene, (run[0], found), frame, sides, tests, canvas, buffers, room)
     if crossing > 0:
-        draw_clipped(scene, room[1][:crossing], frame, sides, tests, tiles)
+        tried += draw_clipped(scene, room[1][:crossing], frame, sides, tests, tiles)
+    return tried

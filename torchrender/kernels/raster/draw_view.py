@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torchrender.arrays import empty_aligned
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import binning, direct, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
@@ -89,6 +90,10 @@ def draw_view(triangles: TriangleArrays, view: View, cull: str, tests: Refusals,
         regions, shape = _regions(triangles, found, view), _shape(triangles, cull == "sides")
         many_views.draw_regions(shape, found, regions, view.frame, how, tests.holes, room, outputs)
         return
+    # Regions leave out what large clusters hide, so these come first by their nearest corners. Triangle by triangle,
+    # middles tell better which ones hide the others.
+    middles = triangles.cluster_bounds[chosen].mean(axis=1) @ view.planes[4, :3]
+    chosen = chosen[np.argsort(middles, kind="stable")]
     scene, bins = _bin(triangles, chosen, (points, packed), view.frame, how, cull == "sides")
     tiles.render_tiles(scene, bins, view.frame, *tests, _memory.buffers(thread_count()), outputs)
 
@@ -257,15 +262,9 @@ class _Memory(threading.local):
 
 def _buffers(threads: int, count: int) -> Buffers:
     pixels = count * TILE_WIDTH * TILE_HEIGHT
-    return Buffers(
-        0,
-        np.zeros((threads, pixels)),
-        np.zeros((threads, pixels), np.int32),
-        np.zeros((threads, tiles.BLOCKS)),
-        np.zeros((threads, 2, TILE_HEIGHT), np.int64),
-        np.empty((threads, CACHED), np.int64),
-        np.zeros((threads, CACHED, 6)),
-    )
+    sizes = ((pixels,), (pixels,), (count * tiles.BLOCKS,), (2, TILE_HEIGHT), (CACHED,), (CACHED, 6))
+    kinds = (np.float64, np.int32, np.float64, np.int64, np.int64, np.float64)
+    return Buffers(0, *(empty_aligned((threads, *size), kind) for size, kind in zip(sizes, kinds, strict=True)))
 
 
 def _lists(count: int) -> binning.Lists:

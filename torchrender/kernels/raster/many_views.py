@@ -19,10 +19,12 @@ from torchrender.kernels.raster.binning import Listing
 from torchrender.kernels.raster.chosen import write_line
 from torchrender.kernels.raster.direct import (
     Canvas,
+    box_within,
     clear_canvas,
     cluster_reaches,
     draw_cluster,
-    is_cluster_hidden,
+    is_box_hidden,
+    refresh_lows,
     tile_buffers,
 )
 from torchrender.kernels.raster.lanes.rows import COLUMN_BITS, ROW_BITS, TILE_HEIGHT, TILE_WIDTH
@@ -125,7 +127,8 @@ def draw_clusters(shape, found, pose, frame, how, tests, room, canvas):
     chunk = room_for(shape.clusters, chosen)
     own = (chunk, np.empty(chunk.a.shape[0], np.int32))
     for n in range(chosen.shape[0]):
-        if is_cluster_hidden(canvas, (boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3], highs[n])):
+        box = box_within(canvas, (boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3]))
+        if box[0] > box[2] or box[1] > box[3] or is_box_hidden(canvas, box, highs[n]):
             continue
         c = chosen[n]
         for place in range(shape.block_starts[c], shape.block_starts[c + 1]):
@@ -135,7 +138,8 @@ def draw_clusters(shape, found, pose, frame, how, tests, room, canvas):
                 limits = (frame.near, frame.orthographic)
                 project_block(shape.vertices, block, matrix, reference, limits, points, packed)
         run = (shape.clusters[c, 0], shape.clusters[c, 1])
-        draw_cluster(scene, packed, run, frame, sides, tests, (canvas, buffers), own)
+        if draw_cluster(scene, packed, run, frame, sides, tests, (canvas, buffers), own) > 0:
+            refresh_lows(canvas, box)
     return scene
 
 
@@ -202,7 +206,7 @@ def draw_regions(shape, found, regions, frame, how, holes, room, outputs):
                 break
             left, top = (order[turn] % across) * wide, (order[turn] // across) * tall
             right, bottom = min(left + wide, frame.width) - 1, min(top + tall, frame.height) - 1
-            canvas = Canvas(keys[thread], ids[thread], wide >> COLUMN_BITS, left, top, right, bottom)
+            canvas = Canvas(keys[thread], ids[thread], lows[thread], wide >> COLUMN_BITS, left, top, right, bottom)
             draw_part(shape, found, (matrix, reference), frame, (how, holes), own, canvas, outputs)
 
 
@@ -244,7 +248,7 @@ def draw_views(shape, views, how, room, outputs, mesh, eyes, surface):
             0, keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes_of[thread]
         )
         own = (points[thread], packed[thread], buffers)
-        canvas = Canvas(keys[thread], ids[thread], columns, 0, 0, width - 1, height - 1)
+        canvas = Canvas(keys[thread], ids[thread], lows[thread], columns, 0, 0, width - 1, height - 1)
         while True:
             k = fetch_add(counter, 0, 1)
             if k >= count:

@@ -106,7 +106,7 @@ class Buffers(NamedTuple):
     first: int  # where its pixels begin in keys and ids
     keys: np.ndarray  # (pixels,) float64
     ids: np.ndarray  # (pixels,) int32
-    lows: np.ndarray  # (blocks,) float64 least keys of blocks, or less
+    lows: np.ndarray  # (tiles * blocks,) float64 least keys of blocks, or less
     spans: np.ndarray  # (2,rows) int64 first and last pixel of each row
     known: np.ndarray  # (CACHED,) int64 triangles whose planes are kept
     planes: np.ndarray  # (CACHED,6) their barycentric planes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba.cpython.unsafe.numbers import trailing_zeros
 
-from torchrender.kernels.atomics import borrowed
+from torchrender.kernels.atomics import borrowed, foresee
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.coverage import NO_BITS, ROW
 from torchrender.kernels.raster.lanes.pixels import same_lanes
@@ -14,6 +14,7 @@ from torchrender.kernels.raster.lanes.seen import write_mixed, write_seen
 from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import barycentric_planes
 
+AHEAD = 16  # pixels
 CACHED = 1024  # triangles whose barycentric planes are kept from row to row; a power of two
 
 
@@ -102,6 +103,17 @@ def know_planes(scene, orthographic, ids, here, known, planes):
     return every
 
 
+@kernel(inline=True)
+def look_ahead(scene, ids, here):
+    """What LANES pixels of different triangles read is on its way, from memory in no order."""
+    if same_lanes(ids, here, ids[here]) == ROW:
+        return
+    for k in range(np.uintp(LANES)):
+        t = np.uintp(max(ids[here + k], np.int32(0)))
+        foresee(scene.faces, t)
+        foresee(scene.objects, t)
+
+
 @kernel()
 def resolve(scene, frame, place, buffers, outputs):
     """Write a finished tile; planes are kept while one view is drawn, because most triangles span several rows."""
@@ -114,6 +126,7 @@ def resolve(scene, frame, place, buffers, outputs):
     depth, triangle, object_id, barycentric = outputs
     first, keys, ids, _, _, known, planes = buffers
     wants_ids = triangle.shape[0] > 0
+    last = np.uintp(first + height * TILE_WIDTH - LANES)
     for y in range(height):
         row = np.uintp(top + y)
         source = np.uintp(first + y * TILE_WIDTH)
@@ -131,6 +144,7 @@ def resolve(scene, frame, place, buffers, outputs):
         shift = left + 0.5 - centre_x
         for start in range(np.uintp(0), count, np.uintp(LANES)):
             here, spot = source + start, (row, target + start)
+            look_ahead(scene, ids, min(here + np.uintp(AHEAD), last))
             whole = start + np.uintp(LANES) <= count
             rest = ROW >> np.uint64(max(start + np.uintp(LANES), count) - count)
             column = np.float64(start) + shift

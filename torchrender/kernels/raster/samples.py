@@ -24,7 +24,8 @@ from torchrender.kernels.raster.project import (
 
 BELOW = 1 << 8  # the bit of the pixel below the first one
 SAMPLES = 3 + 3 * BELOW  # of 2 x 2 pixels
-LARGE, CROSSING = 1 << 16, 1 << 17
+LARGE, CROSSING, MIDDLE = 1 << 40, 1 << 41, 1 << 42
+SIDE = 4  # columns and rows that boxes have at most which are tested for many triangles together
 
 
 class Chunk(NamedTuple):
@@ -35,6 +36,7 @@ class Chunk(NamedTuple):
     c: np.ndarray
     codes: np.ndarray  # (N,) int64 of :func:`find_samples`
     found: np.ndarray  # (N,) int64 numbers of those whose code is not 0
+    middle: np.ndarray  # (4,N) int64 room for :func:`find_windows`
 
 
 @kernel()
@@ -45,7 +47,7 @@ def room_for(runs, chosen):
         most = max(most, runs[c, 1] - runs[c, 0])
     return Chunk(
         np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64),
-        np.empty(most, np.int64),
+        np.empty(most, np.int64), np.empty((4, most), np.int64),
     )  # fmt: skip
 
 
@@ -84,8 +86,8 @@ def find_samples(chunk, count, frame, bounds, cull):
     """Set ``chunk.codes``: what each triangle covers within ``bounds``, x0, y0, x1, y1 inclusive of the image.
 
     Bits of a window of which four pixels may be set: see :func:`~.coverage.window_bits`; the first one is that of the
-    triangle's box. LARGE: its box has more than 2 x 2 pixels; CROSSING: it may need clipping. Without branches, so that
-    LLVM makes vectors of it.
+    triangle's box. LARGE: its box has more than 2 x 2 pixels; MIDDLE: neither more than SIDE columns nor rows, see
+    :func:`find_windows`; CROSSING: it may need clipping. Without branches, so that LLVM makes vectors of it.
     """
     chunk = borrowed(chunk)
     corners_a, corners_b, corners_c, codes = chunk.a, chunk.b, chunk.c, chunk.codes
@@ -111,11 +113,82 @@ def find_samples(chunk, count, frame, bounds, cull):
         code |= 2 if ((p1 | q1 | r1) >= 0) & wide else 0
         code |= BELOW if ((p2 | q2 | r2) >= 0) & tall else 0
         code |= 2 * BELOW if ((p3 | q3 | r3) >= 0) & wide & tall else 0
-        code = LARGE if (x1 - x0 > 1) | (y1 - y0 > 1) else code
+        most = max(x1 - x0, y1 - y0)
+        code = MIDDLE if most > 1 else code
+        code = LARGE if most >= SIDE else code
         dropped = (x0 > x1) | (y0 > y1) | (area == 0) | (drops_back & (area > 0)) | (drops_front & (area < 0))
         code = 0 if dropped else code
         crossing = (a == NEEDS_CLIP) | (b == NEEDS_CLIP) | (c == NEEDS_CLIP)
         codes[n] = CROSSING if crossing else code
+
+
+@kernel(inline=True)
+def four_samples(p, q, r, right):
+    """Bits of the pixels of a row that three edges have on their inner sides; ``right``: their steps."""
+    bits = 1 if (p | q | r) >= 0 else 0
+    p, q, r = p + right[0], q + right[1], r + right[2]
+    bits |= 2 if (p | q | r) >= 0 else 0
+    p, q, r = p + right[0], q + right[1], r + right[2]
+    bits |= 4 if (p | q | r) >= 0 else 0
+    p, q, r = p + right[0], q + right[1], r + right[2]
+    return bits | (8 if (p | q | r) >= 0 else 0)
+
+
+@kernel(inline=True)
+def edge_steps(a, b, turned, px, py):
+    """Edge a-b at a snapped point, and its steps to the right and down; inside is >= 0."""
+    value, right, down, _ = edge_samples(a, b, turned, px, py)
+    return value, right - value, down - value
+
+
+@kernel()
+def find_windows(chunk, count, frame, bounds):
+    """Replace the codes MIDDLE by what these triangles cover: bits of a window of which SIDE x SIDE pixels may be set.
+
+    Apart from :func:`find_samples`, whose arithmetic is a quarter of this.
+    """
+    chunk = borrowed(chunk)
+    codes, numbers = chunk.codes, chunk.found
+    corners_a, corners_b, corners_c, bits = chunk.middle[0], chunk.middle[1], chunk.middle[2], chunk.middle[3]
+    m = np.uintp(0)
+    for n in range(np.uintp(count)):
+        numbers[m] = n
+        m += np.uintp(codes[n] == MIDDLE)
+    for k in range(m):
+        n = np.uintp(numbers[k])
+        corners_a[k], corners_b[k], corners_c[k] = chunk.a[n], chunk.b[n], chunk.c[n]
+    left, top = np.int64(frame.width) >> 1, np.int64(frame.height) >> 1
+    low_x, low_y, high_x, high_y = bounds[0] - left, bounds[1] - top, bounds[2] - left, bounds[3] - top
+    for k in range(m):
+        a, b, c = corners_a[k], corners_b[k], corners_c[k]
+        ax, bx, cx = snapped_x(a), snapped_x(b), snapped_x(c)
+        ay, by, cy = snapped_y(a), snapped_y(b), snapped_y(c)
+        x0 = max((min(ax, min(bx, cx)) + (HALF - 1)) >> SUBPIXEL_BITS, low_x)
+        y0 = max((min(ay, min(by, cy)) + (HALF - 1)) >> SUBPIXEL_BITS, low_y)
+        turned = product(bx - ax, cy - ay) - product(by - ay, cx - ax) < 0
+        px, py = (x0 << SUBPIXEL_BITS) + HALF, (y0 << SUBPIXEL_BITS) + HALF
+        p, p_right, p_down = edge_steps(a, b, turned, px, py)
+        q, q_right, q_down = edge_steps(b, c, turned, px, py)
+        r, r_right, r_down = edge_steps(c, a, turned, px, py)
+        right = (p_right, q_right, r_right)
+        code = four_samples(p, q, r, right)
+        p, q, r = p + p_down, q + q_down, r + r_down
+        code |= four_samples(p, q, r, right) << 8
+        p, q, r = p + p_down, q + q_down, r + r_down
+        code |= four_samples(p, q, r, right) << 16
+        p, q, r = p + p_down, q + q_down, r + r_down
+        code |= four_samples(p, q, r, right) << 24
+        bits[k] = code & inside_bits(high_x - x0, high_y - y0)
+    for k in range(m):
+        codes[np.uintp(numbers[k])] = bits[k]
+
+
+@kernel(inline=True)
+def inside_bits(columns, rows):
+    """Those of a window of SIDE x SIDE pixels in its first columns and rows, given the last of each."""
+    row = 1 | (2 if columns > 0 else 0) | (4 if columns > 1 else 0) | (8 if columns > 2 else 0)
+    bits = row | (row << 8 if rows > 0 else 0) | (row << 16 if rows > 1 else 0)
+    return bits | (row << 24 if rows > 2 else 0)
 
 
 @kernel()
@@ -137,4 +210,5 @@ def look_at(packed, listed, run, frame, bounds, cull, chunk):
     """
     gather_corners(packed, listed, run[0], run[1] - run[0], chunk)
     find_samples(chunk, run[1] - run[0], frame, bounds, cull)
+    find_windows(chunk, run[1] - run[0], frame, bounds)
     return list_found(chunk, run[1] - run[0])

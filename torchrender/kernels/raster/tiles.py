@@ -26,6 +26,7 @@ from torchrender.kernels.raster.coverage import (
     window_start,
 )
 from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
+from torchrender.kernels.raster.lanes.pixels import least_of
 from torchrender.kernels.raster.lanes.rows import (
     COLUMN_BITS,
     ROW_BITS,
@@ -70,43 +71,47 @@ def look_ahead(scene, entry):
 
 
 @kernel(inline=True)
+def look_at_place(scene, entry):
+    """What a tile entry's place tells is on its way; the place itself has come by now."""
+    if entry < np.uintp(scene.places.shape[0]):
+        place = np.uintp(scene.places[entry])
+        foresee(scene.order, place)
+        foresee(scene.listed, place)
+
+
+@kernel(inline=True)
+def find_low(keys, place):
+    """Least key of the block whose first pixel is at this place."""
+    return least_of(keys, place, 1 << BLOCK_ROW_BITS, TILE_WIDTH)
+
+
+@kernel(inline=True)
 def find_lows(keys, lows):
     """Least key of each block; returns that of all."""
     lowest = np.inf
     for block in range(np.uintp(BLOCKS)):
         place = (block // np.uintp(BLOCK_COLUMNS)) * np.uintp(TILE_WIDTH << BLOCK_ROW_BITS)
         place += (block % np.uintp(BLOCK_COLUMNS)) << np.uintp(BLOCK_COLUMN_BITS)
-        a = b = c = d = np.inf
-        for _ in range(1 << BLOCK_ROW_BITS):
-            for x in range(np.uintp(0), np.uintp(1 << BLOCK_COLUMN_BITS), np.uintp(4)):
-                a = min(a, keys[place + x])
-                b = min(b, keys[place + x + np.uintp(1)])
-                c = min(c, keys[place + x + np.uintp(2)])
-                d = min(d, keys[place + x + np.uintp(3)])
-            place += np.uintp(TILE_WIDTH)
-        low = min(min(a, b), min(c, d))
+        low = find_low(keys, place)
         lows[block] = low
         lowest = min(lowest, low)
     return lowest
 
 
 @kernel(inline=True)
-def least_low(lows, x0, y0, x1, y1):
-    """Of the blocks that a box in the tile meets."""
+def least_low(lows, first, x0, y0, x1, y1):
+    """Of the blocks that a box in the tile meets, whose own begin at ``first``."""
     low = np.inf
     for j in range(y0 >> BLOCK_ROW_BITS, (y1 >> BLOCK_ROW_BITS) + 1):
         for i in range(x0 >> BLOCK_COLUMN_BITS, (x1 >> BLOCK_COLUMN_BITS) + 1):
-            low = min(low, lows[np.uintp(j * BLOCK_COLUMNS + i)])
+            low = min(low, lows[np.uintp(first + j * BLOCK_COLUMNS + i)])
     return low
 
 
 @kernel(inline=True)
 def plane_in_tile(place, left, top, scene, frame):
-    """The key over the tile's pixels, with its limits; what resolving the tile reads is on its way."""
+    """The key over the tile's pixels, with its limits."""
     origin_x, origin_y = left - (np.int64(frame.width) >> 1), top - (np.int64(frame.height) >> 1)
-    t = np.uintp(scene.order[place])
-    foresee(scene.faces, t)
-    foresee(scene.objects, t)
     kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
     return kx, ky, kc + kx * (origin_x + 0.5) + ky * (origin_y + 0.5), low, high
 
@@ -162,7 +167,7 @@ def draw(place, corners, box, high, scene, frame, tests, buffers):
     area = doubled_area(a, b, c)
     width, rows = x1 - x0 + 1, y1 - y0 + 1
     if max(width, rows) <= WINDOW and not tested:
-        x0, y0 = window_start(x0, y0)
+        x0, y0 = window_start(x0, y0, x1)
         pixel = ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF)
         bits = window_bits(a, b, c, area, pixel, y1 - y0 + 1)
         if bits == NO_BITS or is_hidden(high, (x0, y0, buffers.first), bits, keys):
@@ -206,7 +211,7 @@ def close_pixels(limits, place, closed, keys):
                 keys[y * np.uintp(TILE_WIDTH) + x] = np.inf
 
 
-@kernel()
+@kernel(inline=True)
 def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     """Rasterise and resolve tile ``k``."""
     # Counting references in the loops below would cost a fifth of the time: two threads, the same counters.
@@ -242,6 +247,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     for n in range(first, end):
         entry = np.uintp(entries[np.uintp(n)])
         look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, end - 1))]))
+        look_at_place(scene, np.uintp(entries[np.uintp(min(n + AHEAD // 2, end - 1))]))
         high = np.inf
         if entry < np.uintp(places.shape[0]):
             high = highs[entry]
@@ -261,7 +267,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top, left, top)
-        if high < least_low(lows, box[0], box[1], box[2], box[3]):
+        if high < least_low(lows, 0, box[0], box[1], box[2], box[3]):
             continue
         tried += draw(place, (a, b, c), box, high, scene, frame, tests, buffers)
         if tried > REFRESH:

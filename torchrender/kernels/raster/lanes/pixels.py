@@ -6,26 +6,36 @@ LANES pixels must lie within the arrays: those that are masked out are written a
 
 from __future__ import annotations
 
+import math
+
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from torchrender.kernels.atomics import element
 from torchrender.kernels.raster.lanes.vectors import (
     DOUBLES,
     FLOATS,
+    FOUR_DOUBLES,
+    FOUR_INTS,
+    FOUR_LONGS,
+    HALVES,
     I8,
     I64,
     INTS,
     LANES,
-    LONGS,
+    QUADS,
+    bits_of,
     constant,
+    half,
+    halves_of,
     is_nearer,
+    keep_halves,
     key_of,
-    lanes_of,
+    own_function,
     place_of,
     splat,
-    stored_whole,
 )
 
 
@@ -39,32 +49,41 @@ def covered_window(typingctx, edges, tall):  # noqa: ARG001
     signature = types.uint64(types.UniTuple(types.int64, 9), types.boolean)
 
     def generate(context, builder, sig, args):  # noqa: ARG001
-        parts = cgutils.unpack_tuple(builder, args[0], 9)
-        columns = constant(LONGS, range(LANES))
-        values, steps = [], []
-        for k in range(3):
-            across = builder.mul(splat(builder, LONGS, parts[3 + k]), columns)
-            values.append(builder.add(splat(builder, LONGS, parts[k]), across))
-            steps.append(splat(builder, LONGS, parts[6 + k]))
-        upper, values = _covered_rows(builder, values, steps, range(4))
-        bits = cgutils.alloca_once_value(builder, upper)
-        with builder.if_then(args[1]):
-            lower, _ = _covered_rows(builder, values, steps, range(4, 8))
-            builder.store(builder.or_(upper, lower), bits)
-        return builder.load(bits)
+        kinds = [I64] * 9 + [args[1].type]
+        own = own_function(builder, "torchrender_covered_window", I64, kinds, _covered_body)
+        return builder.call(own, [*cgutils.unpack_tuple(builder, args[0], 9), args[1]])
 
     return signature, generate
+
+
+def _covered_body(builder, *numbers):
+    *parts, tall = numbers
+    values, steps = [], []
+    for k in range(3):
+        across = builder.mul(splat(builder, FOUR_LONGS, parts[3 + k]), constant(FOUR_LONGS, range(QUADS)))
+        left = builder.add(splat(builder, FOUR_LONGS, parts[k]), across)
+        on = splat(builder, FOUR_LONGS, builder.mul(parts[3 + k], ir.Constant(I64, QUADS)))
+        values.append([left, builder.add(left, on)])
+        steps.append(splat(builder, FOUR_LONGS, parts[6 + k]))
+    upper, values = _covered_rows(builder, values, steps, range(4))
+    bits = cgutils.alloca_once_value(builder, upper)
+    with builder.if_then(tall):
+        lower, _ = _covered_rows(builder, values, steps, range(4, 8))
+        builder.store(builder.or_(upper, lower), bits)
+    builder.ret(builder.load(bits))
 
 
 def _covered_rows(builder, values, steps, rows):
     """Bits of some rows of a window, given the edges in the first of them; and the edges in the row behind."""
     bits = ir.Constant(I64, 0)
     for y in rows:
-        signs = builder.or_(builder.or_(values[0], values[1]), values[2])
-        inside = builder.icmp_signed(">=", signs, constant(LONGS, [0] * LANES))
-        row = builder.zext(builder.bitcast(inside, I8), I64)
+        outside = []
+        for number in range(HALVES):
+            signs = builder.or_(builder.or_(values[0][number], values[1][number]), values[2][number])
+            outside.append(builder.icmp_signed("<", signs, constant(FOUR_LONGS, [0] * QUADS)))
+        row = builder.zext(builder.not_(bits_of(builder, outside)), I64)
         bits = builder.or_(bits, builder.shl(row, ir.Constant(I64, LANES * y)))
-        values = [builder.add(v, s) for v, s in zip(values, steps, strict=True)]
+        values = [[builder.add(v, step) for v in edge] for edge, step in zip(values, steps, strict=True)]
     return bits, values
 
 
@@ -77,9 +96,40 @@ def reaches(typingctx, keys, place, mask, high):  # noqa: ARG001
         keys_, place_, mask_, high_ = args
         here = builder.load(place_of(context, builder, sig.args[0], keys_, place_, DOUBLES))
         here.align = 8
-        reached = builder.fcmp_ordered("<=", here, splat(builder, DOUBLES, high_))
-        found = builder.and_(builder.bitcast(reached, I8), builder.trunc(mask_, I8))
+        spread = splat(builder, FOUR_DOUBLES, high_)
+        reached = [builder.fcmp_ordered("<=", half(builder, here, number), spread) for number in range(HALVES)]
+        found = builder.and_(bits_of(builder, reached), builder.trunc(mask_, I8))
         return builder.icmp_unsigned("!=", found, ir.Constant(I8, 0))
+
+    return signature, generate
+
+
+@intrinsic
+def least_of(typingctx, values, place, rows, step):  # noqa: ARG001
+    """The least of 2 LANES float64 from ``values[place]`` on, and of those ``step`` behind them, so many times."""
+    signature = types.float64(values, types.uintp, types.intp, types.intp)
+
+    def generate(context, builder, sig, args):
+        values_, place_, rows_, step_ = args
+        least = [cgutils.alloca_once_value(builder, constant(FOUR_DOUBLES, [math.inf] * QUADS)) for _ in range(QUADS)]
+        first = element(context, builder, sig.args[0], values_, place_)
+        with cgutils.for_range(builder, rows_) as loop:
+            row = builder.gep(first, [builder.mul(loop.index, step_)])
+            for number, lowest in enumerate(least):
+                at = builder.gep(row, [ir.Constant(I64, number * QUADS)])
+                here = builder.load(builder.bitcast(at, FOUR_DOUBLES.as_pointer()))
+                here.align = 8
+                held = builder.load(lowest)
+                builder.store(builder.select(builder.fcmp_ordered("<", here, held), here, held), lowest)
+        found = [builder.load(lowest) for lowest in least]
+        while len(found) > 1:
+            one, other = found.pop(), found.pop()
+            found.insert(0, builder.select(builder.fcmp_ordered("<", one, other), one, other))
+        every = [builder.extract_element(found[0], ir.Constant(ir.IntType(32), k)) for k in range(QUADS)]
+        while len(every) > 1:
+            one, other = every.pop(), every.pop()
+            every.insert(0, builder.select(builder.fcmp_ordered("<", one, other), one, other))
+        return every[0]
 
     return signature, generate
 
@@ -95,14 +145,8 @@ def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
     def generate(context, builder, sig, args):
         keys_, ids_, place_, mask_, plane_, t_ = args
         key = key_of(builder, cgutils.unpack_tuple(builder, plane_, 5))
-        owner = splat(builder, INTS, t_)
-        key_at = place_of(context, builder, sig.args[0], keys_, place_, DOUBLES)
-        id_at = place_of(context, builder, sig.args[1], ids_, place_, INTS)
-        here, held = builder.load(key_at), builder.load(id_at)
-        here.align, held.align = 8, 4
-        nearer = builder.and_(is_nearer(builder, key, owner, here, held), lanes_of(builder, mask_))
-        builder.store(stored_whole(builder, builder.select(nearer, key, here)), key_at).align = 8
-        builder.store(stored_whole(builder, builder.select(nearer, owner, held)), id_at).align = 4
+        places = [element(context, builder, sig.args[k], array, place_) for k, array in enumerate((keys_, ids_))]
+        keep_halves(builder, places, key, t_, halves_of(builder, mask_))
         return context.get_dummy_value()
 
     return signature, generate
@@ -110,33 +154,35 @@ def keep_nearest(typingctx, keys, ids, place, mask, plane, t):  # noqa: ARG001
 
 def _looked_up(builder, coefficients, near, x, y, key):
     """Columns, rows and where the fragments project at all, in one earlier image: see ``fragments.lookup``."""
+    kind = x.type
     u, v, w = (
         builder.fadd(
             builder.fadd(
                 builder.fadd(
-                    builder.fmul(splat(builder, DOUBLES, row[0]), x),
-                    splat(builder, DOUBLES, builder.fmul(row[1], y)),
+                    builder.fmul(splat(builder, kind, row[0]), x),
+                    splat(builder, kind, builder.fmul(row[1], y)),
                 ),
-                splat(builder, DOUBLES, row[2]),
+                splat(builder, kind, row[2]),
             ),
-            builder.fmul(splat(builder, DOUBLES, row[3]), key),
+            builder.fmul(splat(builder, kind, row[3]), key),
         )
         for row in coefficients
     )
-    zero, one = (constant(DOUBLES, [value] * LANES) for value in (0.0, 1.0))
-    reached = builder.fcmp_ordered(">=", w, builder.fmul(splat(builder, DOUBLES, near), key))
+    zero, one = (constant(kind, [value] * kind.count) for value in (0.0, 1.0))
+    reached = builder.fcmp_ordered(">=", w, builder.fmul(splat(builder, kind, near), key))
     reached = builder.and_(reached, builder.fcmp_ordered(">", w, zero))
     inverse = builder.fdiv(one, w)
     return builder.fmul(u, inverse), builder.fmul(v, inverse), reached
 
 
 def _has_triangle(builder, arrays, j, lanes, owner):
-    """Which of the pixels earlier image ``j`` has: those where it holds the triangle that they project to.
+    """Which of the pixels earlier image ``j`` has, by halves: those where it holds the triangle that they project to.
 
     ``arrays``: ids, pixels and near of ``records.Earlier``; ``lanes``: centres x, the row's y, and stored keys.
     """
     known, pixels, near = arrays
-    zeros = constant(DOUBLES, [0.0] * LANES)
+    x, y, key = lanes
+    zeros = constant(FOUR_DOUBLES, [0.0] * QUADS)
     _, height, width = cgutils.unpack_tuple(builder, known.shape, 3)
 
     def number(data, index):
@@ -144,20 +190,22 @@ def _has_triangle(builder, arrays, j, lanes, owner):
 
     at = builder.mul(j, ir.Constant(I64, 12))
     loaded = [number(pixels.data, builder.add(at, ir.Constant(I64, k))) for k in range(12)]
-    u, v, inside = _looked_up(builder, [loaded[k : k + 4] for k in (0, 4, 8)], number(near.data, j), *lanes)
-    for value, size in ((u, width), (v, height)):
-        most = splat(builder, DOUBLES, builder.sitofp(size, ir.DoubleType()))
-        inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
-        inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
-    column, row = (builder.fptosi(builder.select(inside, value, zeros), LONGS) for value in (u, v))
-    row = builder.add(splat(builder, LONGS, builder.mul(j, height)), row)
-    spots = builder.add(builder.mul(row, splat(builder, LONGS, width)), column)
-    values = ir.Constant(LONGS, ir.Undefined)
-    for k in range(LANES):
-        lane = ir.Constant(ir.IntType(32), k)
-        value = number(known.data, builder.extract_element(spots, lane))
-        values = builder.insert_element(values, value, lane)
-    return builder.and_(builder.icmp_signed("==", values, owner), inside)
+    rows, least = [loaded[k : k + 4] for k in (0, 4, 8)], number(near.data, j)
+    for part in range(HALVES):
+        u, v, inside = _looked_up(builder, rows, least, half(builder, x, part), y, half(builder, key, part))
+        for value, size in ((u, width), (v, height)):
+            most = splat(builder, FOUR_DOUBLES, builder.sitofp(size, ir.DoubleType()))
+            inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
+            inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
+        column, row = (builder.fptosi(builder.select(inside, value, zeros), FOUR_INTS) for value in (u, v))
+        row = builder.add(splat(builder, FOUR_LONGS, builder.mul(j, height)), builder.sext(row, FOUR_LONGS))
+        spots = builder.add(builder.mul(row, splat(builder, FOUR_LONGS, width)), builder.sext(column, FOUR_LONGS))
+        values = ir.Constant(FOUR_LONGS, ir.Undefined)
+        for k in range(QUADS):
+            lane = ir.Constant(ir.IntType(32), k)
+            value = number(known.data, builder.extract_element(spots, lane))
+            values = builder.insert_element(values, value, lane)
+        yield builder.and_(builder.icmp_signed("==", values, owner), inside)
 
 
 @intrinsic
@@ -180,14 +228,17 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: A
         here = builder.load(place_of(context, builder, sig.args[0], keys_, place_, DOUBLES))
         held = builder.load(place_of(context, builder, sig.args[1], ids_, place_, INTS))
         here.align, held.align = 8, 4
-        new = is_nearer(builder, key, splat(builder, INTS, t_), here, held)
-        new = builder.bitcast(builder.and_(new, lanes_of(builder, mask_)), I8)
+        owner = splat(builder, FOUR_LONGS, builder.sext(t_, I64))
+        nearer = [
+            is_nearer(builder, half(builder, key, k), owner, half(builder, here, k), builder.sext(ids, FOUR_LONGS))
+            for k, ids in enumerate(half(builder, held, k) for k in range(HALVES))
+        ]
+        new = builder.and_(bits_of(builder, nearer), builder.trunc(mask_, I8))
         left = cgutils.alloca_once_value(builder, new)
         parts = zip(sig.args[6], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
         arrays = [context.make_array(kind)(context, builder, part) for kind, part in parts]
         x = builder.fadd(splat(builder, DOUBLES, first), constant(DOUBLES, [float(k) for k in range(LANES)]))
         ones, none = constant(DOUBLES, [1.0] * LANES), ir.Constant(I8, 0)
-        owner = splat(builder, LONGS, builder.sext(t_, I64))
         count = cgutils.unpack_tuple(builder, arrays[0].shape, 3)[0]
         with builder.if_then(builder.icmp_unsigned("!=", new, none)):
             stored = builder.fpext(builder.fptrunc(builder.fdiv(ones, key), FLOATS), DOUBLES)
@@ -195,7 +246,7 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: A
             with cgutils.for_range(builder, count) as loop:
                 rest = builder.load(left)
                 with builder.if_then(builder.icmp_unsigned("!=", rest, none)):
-                    seen = builder.bitcast(_has_triangle(builder, arrays, loop.index, lanes, owner), I8)
+                    seen = bits_of(builder, _has_triangle(builder, arrays, loop.index, lanes, owner))
                     builder.store(builder.and_(rest, builder.not_(seen)), left)
         return builder.zext(builder.load(left), I64)
 

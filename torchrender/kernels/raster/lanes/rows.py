@@ -1,10 +1,11 @@
 """The rows of a triangle in a tile: which pixels they cover, whether any of these is reached, and drawing them.
 
-Tiles have TILE_WIDTH columns. Vectors that would end beyond a row start earlier; what is masked out is written as it
-was.
+Tiles have TILE_WIDTH columns. What is masked out is written as it was.
 """
 
 from __future__ import annotations
+
+import math
 
 from llvmlite import ir
 from numba import types
@@ -13,25 +14,29 @@ from numba.extending import intrinsic
 
 from torchrender.kernels.raster.lanes.vectors import (
     DOUBLES,
+    FOUR_DOUBLES,
+    FOUR_LONGS,
+    HALVES,
     I8,
     I64,
     INTS,
     LANES,
     LONGS,
-    as_doubles,
+    bits_of,
     call,
     constant,
-    is_nearer,
+    half,
+    keep_halves,
     key_of,
     own_function,
     place_of,
     splat,
-    stored_whole,
 )
 
 COLUMN_BITS, ROW_BITS = 6, 5
 TILE_WIDTH, TILE_HEIGHT = 1 << COLUMN_BITS, 1 << ROW_BITS
 HAIR = 1e-6  # pixels by which a span's ends are guessed too wide before the exact test
+FAR = 2.0**52  # an edge's step along a row is at most 2**45 (``project.GUARD``), that along a column, too
 
 _I32, _DOUBLE = ir.IntType(32), ir.DoubleType()
 _NONE, _COUNTED = constant(LONGS, [0] * LANES), constant(LONGS, range(LANES))
@@ -61,57 +66,72 @@ def _least(builder, one, other):
 
 
 class _Edge:
-    """One edge, at the first column of eight rows: where it lets a span begin or end."""
+    """One edge, at the first column of eight rows: where it lets a span begin or end.
+
+    All in float64, which is exact: an edge beyond FAR does not change its sign within a tile, so values end there.
+    Spans end where the mirrored row begins: columns of edges that end them are counted with the other sign.
+    """
 
     def __init__(self, builder, value, across, down, width):
-        zero, none = _number(0), ir.Constant(_DOUBLE, 0.0)
-        self.level = builder.icmp_signed("==", across, zero)
-        self.begins, self.ends = (builder.icmp_signed(sign, across, zero) for sign in "><")
-        step = builder.sitofp(across, _DOUBLE)
-        inverse = builder.select(self.level, none, builder.fdiv(ir.Constant(_DOUBLE, -1.0), step))
-        sign = builder.select(self.ends, _number(-1), _number(1))
-        least = builder.select(self.ends, ir.Constant(_DOUBLE, -1.0), none)
-        self.inverse, self.least, self.most, self.turn = (
-            splat(builder, DOUBLES, v)
-            for v in (inverse, least, builder.sitofp(width, _DOUBLE), builder.sitofp(sign, _DOUBLE))
-        )
-        self.across, self.sign = splat(builder, LONGS, across), splat(builder, LONGS, sign)
-        rows = builder.mul(splat(builder, LONGS, down), _COUNTED)
-        self.value = cgutils.alloca_once_value(builder, builder.add(splat(builder, LONGS, value), rows))
-        self.on = splat(builder, LONGS, builder.mul(down, _number(LANES)))
+        zero, one = ir.Constant(_DOUBLE, 0.0), ir.Constant(_DOUBLE, 1.0)
+        value, across, down = (builder.sitofp(number, _DOUBLE) for number in (value, across, down))
+        value = _lesser(builder, _larger(builder, value, ir.Constant(_DOUBLE, -FAR)), ir.Constant(_DOUBLE, FAR))
+        begins = builder.fcmp_ordered(">=", across, zero)
+        size = call(builder, "llvm.fabs.f64", _DOUBLE, [across])
+        # A level edge lets a row in or not, and so does one that rises by less than one along it.
+        size = builder.select(builder.fcmp_ordered("==", across, zero), ir.Constant(_DOUBLE, 1.0 / TILE_WIDTH), size)
+        low = builder.select(begins, zero, builder.fneg(width))
+        high = builder.select(begins, width, one)
+        never, ever = ir.Constant(_DOUBLE, -math.inf), ir.Constant(_DOUBLE, math.inf)
+        self.inverse, self.size, self.low, self.high, self.begins, self.ends = (
+            splat(builder, DOUBLES, number)
+            for number in (
+                builder.fdiv(ir.Constant(_DOUBLE, -1.0), size), size, low, high,
+                builder.select(begins, ever, never), builder.select(begins, never, ever),
+            )
+        )  # fmt: skip
+        down = splat(builder, DOUBLES, down)
+        rows = builder.fmul(down, constant(DOUBLES, range(LANES)))
+        self.value = cgutils.alloca_once_value(builder, builder.fadd(splat(builder, DOUBLES, value), rows))
+        self.on = builder.fmul(down, constant(DOUBLES, [LANES] * LANES))
 
     def narrow(self, builder, first, last):
-        """The spans of eight rows within the edge, and the edge moved on by as many.
+        """The spans of eight rows within the edge, and the edge moved on by as many; ``last`` with the other sign.
 
-        The division only guesses, a hair too wide; one exact integer test decides.
+        The division only guesses, a hair too wide; one exact test decides.
         """
         value = builder.load(self.value)
-        builder.store(builder.add(value, self.on), self.value)
-        guess = builder.fmul(as_doubles(builder, value), self.inverse)
-        guess = builder.select(builder.fcmp_ordered("<", guess, self.least), self.least, guess)
-        guess = builder.select(builder.fcmp_ordered(">", guess, self.most), self.most, guess)
-        # The floor of a number is minus the ceiling of minus the number: one way for both ends.
-        wide = builder.fsub(builder.fmul(guess, self.turn), constant(DOUBLES, [HAIR] * LANES))
-        wide = builder.fmul(call(builder, f"llvm.ceil.v{LANES}f64", DOUBLES, [wide]), self.turn)
-        x = builder.sext(builder.fptosi(wide, INTS), LONGS)  # from -1 to the width of a tile
-        outside = builder.icmp_signed("<", builder.add(value, builder.mul(self.across, x)), _NONE)
-        x = builder.add(x, builder.select(outside, self.sign, _NONE))
-        begin = builder.select(builder.icmp_signed(">", x, first), x, first)
-        end = builder.select(builder.icmp_signed("<", x, last), x, last)
-        first, last = builder.select(self.begins, begin, first), builder.select(self.ends, end, last)
-        missed = builder.select(builder.icmp_signed("<", value, _NONE), constant(LONGS, [-1] * LANES), last)
-        return first, builder.select(self.level, missed, last)
+        builder.store(builder.fadd(value, self.on), self.value)
+        guess = _larger(builder, builder.fmul(value, self.inverse), self.low)
+        guess = builder.fsub(_lesser(builder, guess, self.high), constant(DOUBLES, [HAIR] * LANES))
+        x = call(builder, f"llvm.ceil.v{LANES}f64", DOUBLES, [guess])
+        none, one = (constant(DOUBLES, [number] * LANES) for number in (0.0, 1.0))
+        outside = builder.fcmp_ordered("<", builder.fadd(value, builder.fmul(self.size, x)), none)
+        x = builder.fadd(x, builder.select(outside, one, none))
+        first = _larger(builder, first, _lesser(builder, x, self.begins))
+        return first, _larger(builder, last, _lesser(builder, x, self.ends))
+
+
+def _larger(builder, one, other):
+    return builder.select(builder.fcmp_ordered(">", one, other), one, other)
+
+
+def _lesser(builder, one, other):
+    return builder.select(builder.fcmp_ordered("<", one, other), one, other)
 
 
 def _find_body(builder, first, last, *numbers):
     *parts, rows, width = numbers
-    edges = [_Edge(builder, parts[k], parts[3 + k], parts[6 + k], width) for k in range(3)]
+    wide = builder.sitofp(width, _DOUBLE)
+    edges = [_Edge(builder, parts[k], parts[3 + k], parts[6 + k], wide) for k in range(3)]
     total = cgutils.alloca_once_value(builder, _NONE)
-    most = splat(builder, LONGS, builder.sub(width, _number(1)))
+    most = splat(builder, DOUBLES, builder.fsub(ir.Constant(_DOUBLE, 1.0), wide))
     with cgutils.for_range_slice(builder, _number(0), rows, _number(LANES), I64) as (y, _):
-        begin, end = _NONE, most
+        begin, end = constant(DOUBLES, [0.0] * LANES), most
         for edge in edges:
             begin, end = edge.narrow(builder, begin, end)
+        # From -1 to the width of a tile.
+        begin, end = (builder.sext(builder.fptosi(ends, INTS), LONGS) for ends in (begin, builder.fneg(end)))
         there = builder.icmp_signed("<", builder.add(splat(builder, LONGS, y), _COUNTED), splat(builder, LONGS, rows))
         end = builder.select(there, end, constant(LONGS, [-1] * LANES))
         _store(builder, begin, first, y)
@@ -144,29 +164,35 @@ def find_rows(typingctx, first, last, edges, rows, width):  # noqa: ARG001
 
 
 def _lanes_between(builder, begin, end, x):
-    """Which of the pixels from column ``x`` on are neither before the one nor behind the other."""
-    low, high = (splat(builder, LONGS, builder.sub(v, x)) for v in (begin, end))
-    return builder.and_(builder.icmp_signed(">=", _COUNTED, low), builder.icmp_signed("<=", _COUNTED, high))
+    """Which of the pixels from column ``x`` on are neither before the one nor behind the other, by halves."""
+    low, high = (splat(builder, FOUR_LONGS, builder.sub(v, x)) for v in (begin, end))
+    for number in range(HALVES):
+        counted = half(builder, _COUNTED, number)
+        yield builder.and_(builder.icmp_signed(">=", counted, low), builder.icmp_signed("<=", counted, high))
 
 
 def _each_vector(builder, span, work):
-    """``work`` on the columns ``span`` = begin, end of a row, LANES at a time: given the first one and which count."""
+    """``work`` on the columns ``span`` = begin, end of a row, LANES at a time: given the first one and which count.
+
+    They begin at multiples of LANES: what one triangle stores, the next one loads in the same parts, which processors
+    hand over at once, and no part lies in two lines of the cache.
+    """
     begin, end = span
-    most = _number(TILE_WIDTH - LANES)
-    x = cgutils.alloca_once_value(builder, _least(builder, begin, most))
+    first = builder.and_(_least(builder, begin, _number(TILE_WIDTH - 1)), _number(-LANES))
+    x = cgutils.alloca_once_value(builder, first)
     loop, done = builder.append_basic_block("vector"), builder.append_basic_block("done")
     builder.branch(loop)
     builder.position_at_end(loop)
     here = builder.load(x)
     work(here, _lanes_between(builder, begin, end, here))
-    builder.store(_least(builder, builder.add(here, _number(LANES)), most), x)
+    builder.store(builder.add(here, _number(LANES)), x)
     more = builder.icmp_signed(">", end, builder.add(here, _number(LANES - 1)))
     builder.cbranch(more, loop, done)
     builder.position_at_end(done)
 
 
 def _reach_body(builder, keys, first, last, x0, rows, high):
-    spread = splat(builder, DOUBLES, high)
+    spread = splat(builder, FOUR_DOUBLES, high)
     found = cgutils.alloca_once_value(builder, ir.Constant(I8, 0))
     with cgutils.for_range_slice(builder, _number(0), rows, _number(1), I64) as (y, _):
         span = [builder.add(x0, _load(builder, ends, y)) for ends in (first, last)]
@@ -174,8 +200,11 @@ def _reach_body(builder, keys, first, last, x0, rows, high):
 
         def look(x, counts, row=row):
             here = _load(builder, keys, builder.add(row, x), DOUBLES)
-            reached = builder.and_(counts, builder.fcmp_ordered("<=", here, spread))
-            builder.store(builder.or_(builder.load(found), builder.bitcast(reached, I8)), found)
+            reached = [
+                builder.and_(counted, builder.fcmp_ordered("<=", half(builder, here, number), spread))
+                for number, counted in enumerate(counts)
+            ]
+            builder.store(builder.or_(builder.load(found), bits_of(builder, reached)), found)
 
         _each_vector(builder, span, look)
         # Once in a while: a branch for each row would be foretold wrongly.
@@ -206,7 +235,6 @@ def rows_reach(typingctx, keys, first, last, box, high):  # noqa: ARG001
 
 def _fill_body(builder, keys, ids, first, last, *numbers):
     x0, y0, rows, small, t, kx, ky, kc, low, high = numbers
-    owner = splat(builder, INTS, t)
     with cgutils.for_range_slice(builder, _number(0), rows, _number(1), I64) as (k, _):
         span = [builder.add(x0, _load(builder, ends, k)) for ends in (first, last)]
         y = builder.add(y0, k)
@@ -218,10 +246,7 @@ def _fill_body(builder, keys, ids, first, last, *numbers):
         def keep(x, counts, row=row, start=start, base=base):
             place = builder.add(row, x)
             key = key_of(builder, (base, kx, builder.sitofp(builder.add(start, x), _DOUBLE), low, high))
-            here, held = _load(builder, keys, place, DOUBLES), _load(builder, ids, place, INTS)
-            nearer = builder.and_(is_nearer(builder, key, owner, here, held), counts)
-            _store(builder, stored_whole(builder, builder.select(nearer, key, here)), keys, place)
-            _store(builder, stored_whole(builder, builder.select(nearer, owner, held)), ids, place)
+            keep_halves(builder, [builder.gep(array, [place]) for array in (keys, ids)], key, t, counts)
 
         _each_vector(builder, span, keep)
     builder.ret_void()

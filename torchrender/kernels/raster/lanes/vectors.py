@@ -12,9 +12,11 @@ from numba.core import cgutils
 from torchrender.kernels.atomics import element
 
 LANES = 8
+HALVES, QUADS = 2, 4  # vectors of QUADS float64 or int64 fill a register
 
 I8, I64 = ir.IntType(8), ir.IntType(64)
 DOUBLES, INTS, LONGS = (ir.VectorType(t, LANES) for t in (ir.DoubleType(), ir.IntType(32), I64))
+FOUR_DOUBLES, FOUR_LONGS, FOUR_INTS = (ir.VectorType(t, QUADS) for t in (ir.DoubleType(), I64, ir.IntType(32)))
 FLOATS, PAIRS = ir.VectorType(ir.FloatType(), LANES), ir.VectorType(ir.FloatType(), 2 * LANES)
 
 
@@ -30,19 +32,6 @@ def splat(builder, kind, value):
 
 def place_of(context, builder, kind, array, index, vector):
     return builder.bitcast(element(context, builder, kind, array, index), vector.as_pointer())
-
-
-def as_doubles(builder, values):
-    """LANES int64, each rounded to the nearest float64. Processors with vectors of 256 bits convert them one by one.
-
-    Each half of a number, put into the digits of a large float64, is exact there; the only rounding is that of the sum.
-    """
-    whole, half = constant(LONGS, [32] * LANES), constant(LONGS, [(1 << 32) - 1] * LANES)
-    low = builder.or_(builder.and_(values, half), constant(LONGS, [0x43300000 << 32] * LANES))  # 2^52 + low
-    high = builder.xor(builder.lshr(values, whole), constant(LONGS, [0x4530000080000000] * LANES))
-    # 2^84 + 2^63 + high, of which all but the last is taken off, and the 2^52 of the lower half.
-    high = builder.fsub(builder.bitcast(high, DOUBLES), constant(DOUBLES, [2.0**84 + 2.0**63 + 2.0**52] * LANES))
-    return builder.fadd(high, builder.bitcast(low, DOUBLES))
 
 
 def lanes_of(builder, bits, kind=LONGS):
@@ -61,8 +50,9 @@ def call(builder, name, result, arguments):
 def stored_whole(builder, values):
     """The values, to be stored all together: by a mask it takes dozens of steps, and the next load has to wait."""
     kind = values.type
-    floats = {INTS: FLOATS, LONGS: DOUBLES}.get(kind, kind)
-    name = f"llvm.arithmetic.fence.v{kind.count}{'f64' if floats == DOUBLES else 'f32'}"
+    size = kind.element.width if isinstance(kind.element, ir.IntType) else 64 if kind.element == ir.DoubleType() else 32
+    floats = ir.VectorType(ir.DoubleType() if size == 64 else ir.FloatType(), kind.count)
+    name = f"llvm.arithmetic.fence.v{kind.count}f{size}"
     return builder.bitcast(call(builder, name, floats, [builder.bitcast(values, floats)]), kind)
 
 
@@ -79,6 +69,49 @@ def is_nearer(builder, key, t, here, held):
     """Or as near with a lower id."""
     level = builder.and_(builder.fcmp_ordered("==", key, here), builder.icmp_signed("<", t, held))
     return builder.or_(builder.fcmp_ordered(">", key, here), level)
+
+
+def half(builder, values, number):
+    """One of the HALVES. What is compared of numbers of different sizes is compared by halves and as 64 bits each:
+    LLVM makes 16 bits of each answer else, and packs and unpacks them time and again."""
+    places = ir.Constant(ir.VectorType(ir.IntType(32), QUADS), [number * QUADS + k for k in range(QUADS)])
+    return builder.shuffle_vector(values, ir.Constant(values.type, ir.Undefined), places)
+
+
+def halves_of(builder, bits):
+    """As :func:`lanes_of`, by halves."""
+    spread = splat(builder, FOUR_LONGS, bits)
+    for number in range(HALVES):
+        own = constant(FOUR_LONGS, [1 << (number * QUADS + k) for k in range(QUADS)])
+        yield builder.icmp_signed("==", builder.and_(spread, own), own)
+
+
+def bits_of(builder, halves):
+    """A byte with a bit for each lane, of answers by halves."""
+    low, high = (builder.zext(builder.bitcast(part, ir.IntType(QUADS)), I8) for part in halves)
+    return builder.or_(low, builder.shl(high, ir.Constant(I8, QUADS)))
+
+
+def keep_halves(builder, places, key, t, counts):
+    """Keys and the id into those of the lanes that count where they are nearer, or as near with a lower id.
+
+    ``places``: of keys (float64) and ids (int32); ``counts``: by halves.
+    """
+    owner = splat(builder, FOUR_LONGS, builder.sext(t, I64))
+    for number, counted in enumerate(counts):
+        at = ir.Constant(ir.IntType(32), number)
+        key_at, id_at = (
+            builder.gep(builder.bitcast(place, kind.as_pointer()), [at])
+            for place, kind in zip(places, (FOUR_DOUBLES, FOUR_INTS), strict=True)
+        )
+        here, held = builder.load(key_at), builder.load(id_at)
+        here.align, held.align = 8, 4
+        held = builder.sext(held, FOUR_LONGS)
+        own = half(builder, key, number)
+        nearer = builder.and_(is_nearer(builder, own, owner, here, held), counted)
+        ids = builder.trunc(builder.select(nearer, owner, held), FOUR_INTS)
+        builder.store(stored_whole(builder, builder.select(nearer, own, here)), key_at).align = 8
+        builder.store(stored_whole(builder, ids), id_at).align = 4
 
 
 def own_function(builder, name, result, kinds, body):
