@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -40,6 +42,31 @@ def interruptible(check: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         _BETWEEN.reset(token)
+
+
+_holding = threading.Lock()
+_holders = 0
+_collects = False
+"""Whether garbage was collected before the first of those who hold that up began."""
+
+
+@contextmanager
+def garbage_left() -> Iterator[None]:
+    """No garbage is collected in here, of all threads: a look at everything that a process holds takes as long as a
+    picture. What came meanwhile is looked at afterwards, once."""
+    global _holders, _collects
+    with _holding:
+        if _holders == 0:
+            _collects = gc.isenabled()
+            gc.disable()
+        _holders += 1
+    try:
+        yield
+    finally:
+        with _holding:
+            _holders -= 1
+            if _holders == 0 and _collects:
+                gc.enable()
 
 
 _TASKS = Path("/proc/self/task")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -12,7 +13,7 @@ from torch import Tensor
 from torchrender.arrays import in_single_precision
 from torchrender.buffers import GBuffer
 from torchrender.checks import options_of
-from torchrender.clock import StepClock
+from torchrender.clock import StepClock, garbage_left
 from torchrender.errors import InputError
 from torchrender.image import Image
 from torchrender.passes.contract import Buffers
@@ -25,6 +26,7 @@ from torchrender.pipeline.gradients import check_gradients
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import Pace
+from torchrender.planning.ahead import go_on
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
 from torchrender.planning.plan import Plan
@@ -115,7 +117,7 @@ def render(
     if not isinstance(scene, Scene):
         with clock.measure("load"):
             scene = load(scene)
-    with clock.measure("total"):
+    with garbage_left() if budget_ms is not None else nullcontext(), clock.measure("total"):
         cameras = view_of(scene, camera, width, height)
         check_gradients("render", scene, options)
         knowledge = Knowledge.of(scene, cameras, options, history, load_curves())
@@ -124,9 +126,18 @@ def render(
             knowledge = _looked(knowledge, history, clock)
         image = (run := Run(knowledge, wishes, clock)).image()
         say([*scene_doubts(scene), *run.doubts])
-    plan = run.plan.measured(clock.elapsed_ms, run.amounts, clock.elapsed_ms["total"], waited=clock.waited)
-    kept = None if history is None else run.history(plan)
-    return replace(image, plan=plan, timings_ms=clock.elapsed_ms, history=kept)
+    kept = None if history is None else _history_of(run)
+    return replace(image, plan=run.measured(), timings_ms=clock.elapsed_ms, history=kept)
+
+
+def _history_of(run: Run) -> RenderHistory:
+    """What the next picture starts from, with what is chosen for it in time that is left of a budget."""
+    plan, (budget_ms, max_error) = run.measured(), run.limits
+    kept = run.history(plan)
+    if budget_ms is None or max_error is not None:
+        return kept
+    with garbage_left():
+        return replace(kept, pace=go_on(run.knowledge, kept, budget_ms, run.clock, plan.predicted_error))
 
 
 def _looked(knowledge: Knowledge, history: RenderHistory | None, clock: StepClock) -> Knowledge:

@@ -26,13 +26,16 @@ from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import (
     BESIDE,
+    FIRST_BESIDE,
     FIRST_SEARCHING,
     FIRST_UNPRICED,
     LAST_UNPRICED,
     SEARCHING,
+    TOLERANCE,
     UNPRICED,
     Pace,
     Search,
+    looks,
 )
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
@@ -44,12 +47,8 @@ from torchrender.planning.search import headroom
 from torchrender.planning.standing import SHARE, cost_of_rows
 from torchrender.shade import SentLight
 
-FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
-"""Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
-
-LOOKS = 4
-"""Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
-
+YOUNG = 2
+"""Pictures of a sequence that load much for what they sense."""
 
 OFF = 0.02
 """Share of a budget: so much more or less time spent than was foreseen changes no choice that another plan is worth."""
@@ -114,10 +113,10 @@ class Run:
             before = Kernel.loads
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
-            if Kernel.loads != before:
+            if Kernel.loads != before or self._did_once(step):
                 self.untypical.add(step.name)
             self.done.append(step.name)
-            if step.senses is not None and self.limits != (None, None) and self.knowledge.unseen and self._looks:
+            if step.senses is not None and self.knowledge.unseen and self._looks:
                 with self.clock.measure("senses"):
                     self.sensed |= {sense_of(name): value for name, value in step.senses(self._frame()).items()}
             if step.checkpoint is not None:
@@ -132,9 +131,10 @@ class Run:
             took = self.clock.elapsed_ms
             done = {name: took[name] for name in self.done}
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
-            told = self.knowledge.pace.known
-            spent += sum(max(0.0, told.get(known, 0.0) - took.get(name, 0.0)) for name, known in BESIDE.items())
-            spent += 0.0 if done else told.get(UNPRICED, 0.0)
+            pace = self.knowledge.pace
+            beside = pace.beside(self._looks if done else pace.looks_next)
+            spent += sum(max(0.0, told - took.get(name, 0.0)) for name, told in beside.items())
+            spent += 0.0 if done else pace.known.get(UNPRICED, 0.0)
             before = self.plan if done else None
             self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
             if self.plan.ahead:
@@ -208,8 +208,11 @@ class Run:
         """Note how much work the pass has."""
         if self.plan.row(step.name).setting != CUSTOM:
             self.amounts[step.name] = step.amounts(self.knowledge.outlook.at(self.plan.options))
-            if step.did_once(self.amounts[step.name]):
-                self.untypical.add(step.name)
+
+    def _did_once(self, step: Pass) -> bool:
+        """The pass has just done what is done once for many pictures."""
+        amounts = self.amounts.get(step.name)
+        return amounts is not None and step.did_once(amounts) and (step.did is None or step.did(self._frame()))
 
     def _forget(self) -> None:
         """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
@@ -222,14 +225,15 @@ class Run:
                 del self.values[buffer]
 
     def _beside(self) -> dict[str, float]:
-        """What the next picture will spend beside its passes, about: it stands by this one's choice."""
+        """What later pictures will spend beside their passes, about: with a search, and standing by this choice."""
         took, past = self.clock.elapsed_ms, self.knowledge.outlook.history
         found = {}
         for name, known in BESIDE.items():
-            most = FIRST_BESIDE[name]
+            most = FIRST_BESIDE[name] if name == "plan" or past.pictures < YOUNG else math.inf
             if name == "plan" and past.pictures:
                 most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
-            found[known] = min(took.get(name, 0.0), most)
+            if name == "plan" or name in took:
+                found[known] = min(took.get(name, 0.0), most)
         if past.pictures and self.searches and not self._stands:
             searching = sum(took.get(name, 0.0) for name in BESIDE)
             # Of a second picture, much of it is done for the first time.
@@ -238,9 +242,14 @@ class Run:
 
     @property
     def _looks(self) -> bool:
-        """It is time to sense: a search was made, or many pictures stood by it."""
-        stood = [search.pictures for search in self.searches]
-        return all(number == 0 or number % LOOKS == LOOKS - 1 for number in stood)
+        """It is time to sense: a search was made, or many pictures stood by it, and there is time left for that."""
+        budget, took = self.limits[0], self.clock.elapsed_ms
+        if self.limits == (None, None) or not all(looks(search.pictures) for search in self.searches):
+            return False
+        left = sum(row.predicted_ms or 0.0 for row in self.plan.running if row.name not in self.done)
+        left += max(self.knowledge.pace.beside(True)["senses"] - took.get("senses", 0.0), 0.0)
+        spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
+        return budget is None or not self._stands or spent + left <= TOLERANCE * budget
 
     @property
     def _stands(self) -> bool:
@@ -277,6 +286,11 @@ class Run:
             return None if found is None else found.later
         expected = expected_of(self.knowledge, plan.rows, plan.options)
         return replace(found, cost=cost_of_rows(plan.rows, expected, frozenset()))
+
+    def measured(self) -> Plan:
+        """The plan with what its passes, and all of it, took so far."""
+        took = self.clock.elapsed_ms
+        return self.plan.measured(took, self.amounts, took["total"], waited=self.clock.waited)
 
     def history(self, plan: Plan) -> RenderHistory:
         """What the next picture of the sequence starts from."""

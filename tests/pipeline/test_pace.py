@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import (
+    BESIDE,
     EXPECTED_MISSES,
     FADING,
+    LOOKS,
     MISSES,
     MOST_MISSED,
+    SEARCHING,
     SPEED,
     TOLERANCE,
     UNTRIED,
     Pace,
+    Search,
 )
 
 
@@ -69,7 +75,7 @@ def test_before_pictures_tell_it_is_expected_that_they_miss() -> None:
 
 
 def test_after_a_late_picture_nothing_is_tried_that_may_be_late_again() -> None:
-    pace = learned(10.0)
+    pace = learned(10.0).missed(100.0, 100.0)
     assert pace.warned(109.0, 100.0).doubt("pass", "other") == 1.0
     late = pace.warned(111.0, 100.0)
     assert late.doubt("pass", "other") == UNTRIED and late.doubt("pass", "way") == 1.0
@@ -87,3 +93,33 @@ def test_what_ran_first_in_a_picture_that_was_held_up_is_not_blamed() -> None:
     quick = before.learned_all({("pass", "way"): (5.0, 10.0), ("other", "way"): (40.0, 10.0)})
     assert quick.ratio("other", "way") == pytest.approx(4.0)
     assert Pace().learned_all({("other", "way"): (40.0, 10.0)}).ratio("other", "way") == pytest.approx(4.0)
+
+
+def test_sensing_is_paid_by_pictures_that_look() -> None:
+    """By those with a search, and one of several that stand by a choice: others may fill its time."""
+    known = {BESIDE["plan"]: 3.0, BESIDE["senses"]: 14.0, SEARCHING: 50.0}
+    search = Search(
+        wishes=(60.0, None), asked=RenderOptions(), settings={}, possible=True, changes=(), cost=(1.0, 0.1, 0.2)
+    )
+    assert Pace(known=known).looks_next
+    for stood in range(2 * LOOKS):
+        pace = Pace(known=known, search=replace(search, pictures=stood))
+        assert pace.looks_next == (stood + 1 in (LOOKS - 1, 2 * LOOKS - 1))
+        assert sum(pace.beside(pace.looks_next).values()) == (17.0 if pace.looks_next else 3.0)
+        assert pace.search_ms + sum(pace.beside(pace.looks_next).values()) == 50.0
+
+
+def test_what_is_untried_is_half_as_quick_as_others_of_its_pass() -> None:
+    """And all as slow: a small map drawn in no time says little about a large one."""
+    known = {SPEED: math.log(2.0)}
+    assert Pace(ratios={("map", "256"): 0.5}, known=known).ratio("map", "2048") == pytest.approx(1.0)
+    assert Pace(ratios={("map", "256"): 5.0}, known=known).ratio("map", "2048") == pytest.approx(5.0)
+    assert Pace(known=known).ratio("map", "2048") == pytest.approx(2.0)
+
+
+def test_before_any_picture_tells_what_is_missed_untried_settings_count_longer() -> None:
+    known = Pace(ratios={("pass", "way"): 1.0})
+    assert known.doubt("pass", "way") == 1.0 and known.doubt("pass", "other") == UNTRIED
+    assert known.missed(100.0, 100.0).doubt("pass", "other") == 1.0
+    assert Pace().doubt("pass", "other", 3.0) == 1.0, "of a first picture all are untried"
+    assert known.missed(100.0, 100.0).doubt("pass", "other", 3.0) == 3.0 and known.doubt("pass", "way", 3.0) == 1.0

@@ -57,7 +57,7 @@ def test_times_are_weighted_sums_and_errors_means() -> None:
     assert unseen.error == pytest.approx(0.2), "the factor is in what passes add"
     assert unseen.interval == pytest.approx((0.2 * math.exp(-unseen.spread), 0.2 * math.exp(0.7 * unseen.spread)))
     assert more.joint(RenderOptions(supersample=2.0)).factor == 1.5
-    assert more.joint(RenderOptions(supersample=0.5)) == (0.8, COVERED, COVERED)
+    assert more.joint(RenderOptions(supersample=0.5)) == (0.8, COVERED, COVERED, 0.0)
     assert parse_curves({**small(), "joint": 1.2}, "test").coarse.factor == 1.2
     assert more.together([Expected(0.2, 0.1)]).error == pytest.approx(0.2), "scenes that were measured have their own"
 
@@ -92,6 +92,7 @@ def test_errors_of_measured_scenes_hold_for_pictures_of_about_that_size() -> Non
         {"joint": 9.0},
         {"joint": {"fine": [1.0, 1.0, float("nan")]}},
         {"joint": {"coarse": [1.0, -1.0]}},
+        {"joint": {"coarse": [1.0, 1.0, 1.0, -0.1]}},
         {"norm": 0.0},
         {"norm": float("nan")},
         {"weights": {"gbuffer": {"1": [float("nan")]}}},

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import torchrender as tr
+from torchrender.passes.table import find_pass
+from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import load_curves
 from torchrender.planning.foresight import (
     COVERED,
@@ -16,6 +19,7 @@ from torchrender.planning.foresight import (
     Expected,
     Joint,
     Line,
+    Whole,
     fitted,
     joint_of_pictures,
     parse_lines,
@@ -88,14 +92,14 @@ def test_whole_pictures_tell_the_factor_and_both_tails() -> None:
     z = generator.exponential(1.0, 4000)  # a long tail up, none down
     told = [Expected(0.01, spread) for spread in generator.uniform(0.2, 0.6, len(z))]
     pictures = [
-        (one.error * 1.3 * math.exp(one.spread * (v - math.log(2.0))), one) for v, one in zip(z, told, strict=True)
+        Whole(one.error * 1.3 * math.exp(one.spread * (v - math.log(2.0))), one) for v, one in zip(z, told, strict=True)
     ]
     joint = joint_of_pictures(pictures)
     assert joint.factor == pytest.approx(1.3, rel=0.05)
     assert joint.above == pytest.approx(-math.log(0.05) - math.log(2.0), rel=0.1)
     assert joint.below == pytest.approx(max(math.log(2.0) + math.log(0.95), LEAST_TAIL), rel=0.1)
     assert joint_of_pictures([]) == Joint() and joint_of_pictures(pictures[:9]).above == COVERED
-    alike = joint_of_pictures([(0.02, Expected(0.01, 0.3))] * 50)
+    alike = joint_of_pictures([Whole(0.02, Expected(0.01, 0.3))] * 50)
     assert alike.factor == pytest.approx(2.0) and alike.above == alike.below == LEAST_TAIL
 
 
@@ -105,10 +109,45 @@ def test_tails_hold_nine_of_ten_pictures_to_come() -> None:
     held = []
     for _ in range(400):
         offs = generator.normal(0.0, 0.5, 31)
-        joint = joint_of_pictures([(0.02 * math.exp(off), Expected(0.02, 0.3)) for off in offs[:-1]])
+        joint = joint_of_pictures([Whole(0.02 * math.exp(off), Expected(0.02, 0.3)) for off in offs[:-1]])
         low, high = (0.02 * joint.factor * math.exp(tail * 0.3) for tail in (-joint.below, joint.above))
         held.append(low <= 0.02 * math.exp(offs[-1]) <= high)
     assert 0.88 <= float(np.mean(held)) <= 0.97
+
+
+def test_fewer_rendered_pixels_err_by_more_than_their_passes() -> None:
+    """By a power of how many there are; pictures with others in between follow it."""
+    generator = np.random.default_rng(3)
+    sizes = generator.choice([0.25, 0.35, 0.5, 0.7], 400)
+    pictures = [
+        Whole(0.02 * 1.2 * n**-0.3 * math.exp(generator.normal(0.0, 0.1)), Expected(0.02, 0.1), n) for n in sizes
+    ]
+    joint = joint_of_pictures(pictures)
+    assert joint.slope == pytest.approx(0.3, abs=0.03) and joint.factor == pytest.approx(1.2, rel=0.05)
+    assert joint.at(0.5).factor == pytest.approx(1.2 * 2**0.3, rel=0.05) and joint.at(0.5).above == joint.above
+    assert joint.above == pytest.approx(1.645, rel=0.2), "the sizes are no part of it"
+    assert joint_of_pictures([one._replace(supersample=1.0) for one in pictures]).slope == 0.0
+    assert joint_of_pictures([one._replace(error=0.02 * one.supersample) for one in pictures]).slope == 0.0
+
+
+def test_tails_of_few_scenes_hold_nine_of_ten_pictures_of_others() -> None:
+    """Pictures of one scene lie off alike: as many of different scenes say more."""
+    generator = np.random.default_rng(11)
+    held: dict[bool, list[bool]] = {False: [], True: []}
+    for _ in range(60):
+        offs = generator.normal(0.0, 0.5, 21)
+        pictures = [
+            Whole(0.02 * math.exp(off + generator.normal(0.0, 0.1)), Expected(0.02, 0.3), 1.0, scene)
+            for scene, off in enumerate(offs)
+            for _ in range(5)
+        ]
+        for told in (False, True):
+            known = [one if told else one._replace(scene=None) for one in pictures[:-5]]
+            joint = joint_of_pictures(known)
+            low, high = (0.02 * joint.factor * math.exp(tail * 0.3) for tail in (-joint.below, joint.above))
+            held[told] += [low <= one.error <= high for one in pictures[-5:]]
+    assert np.mean(held[True]) >= 0.9 > np.mean(held[False]) - 0.05
+    assert np.mean(held[True]) > np.mean(held[False])
 
 
 def test_lines_go_through_json() -> None:
@@ -157,3 +196,24 @@ def test_passes_sense_only_where_it_helps() -> None:
     assert "senses" not in tr.render(box, width=400, height=400, budget_ms=1000).timings_ms
     assert tr.render(box, width=48, height=48, budget_ms=1000).timings_ms["senses"] > 0, "it was measured larger"
     assert tr.render(scene, camera, max_error=0.3).timings_ms["senses"] > 0
+
+
+def test_errors_of_what_looks_from_few_pixels_grow_as_these_part() -> None:
+    """Of ambient visibility, which fewer rendered pixels look from: but for scenes whose own errors are known."""
+    curves = replace(load_curves(), fine=Joint(), coarse=Joint())
+    step, gbuffer = find_pass("ambient_visibility"), find_pass("gbuffer")
+
+    def error(scene: tr.Scene, side: int, setting: str, supersample: float) -> float:
+        options = tr.RenderOptions(supersample=supersample)
+        known = Knowledge.of(scene, scene.camera(width=side, height=side), options, None, curves)
+        assert known.unseen == (side < 512)
+        return known.setting_error(gbuffer if setting == "1" else step, setting, options).error
+
+    unseen, seen = anything(3), tr.load("cornell_box")
+    whole = error(unseen, 64, "8 rays, 4 x 4", 1.0)
+    assert 0.0 < whole < 0.5
+    assert error(unseen, 64, "8 rays, 4 x 4", 0.25) == pytest.approx(2.0 * whole)
+    assert error(unseen, 64, "8 rays, 4 x 4", 2.0) == pytest.approx(whole)
+    assert error(unseen, 64, "off", 0.25) == error(unseen, 64, "off", 1.0)
+    assert error(unseen, 64, "1", 0.25) == error(unseen, 64, "1", 1.0)
+    assert error(seen, 512, "8 rays, 4 x 4", 0.25) == error(seen, 512, "8 rays, 4 x 4", 1.0)

@@ -11,7 +11,8 @@ import torchrender as tr
 from torchrender.clock import StepClock
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
-from torchrender.passes.mirrors.reflections import LOOK_MS, YOUNG
+from torchrender.passes.mirrors.reflections import LOOK_MS, OF_LOBE, YOUNG
+from torchrender.passes.mirrors.reflective_pixel import GLOSSY_SHARE, REFLECTIVE_SHARE
 from torchrender.passes.senses import closely
 from torchrender.passes.table import PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
@@ -90,6 +91,20 @@ def test_a_first_look_around_is_priced_once(monkeypatch: pytest.MonkeyPatch, was
     assert price > 10.0 and fresh == pytest.approx(kept + price)
 
 
+@pytest.mark.parametrize("looked", [False, True])
+def test_times_with_a_look_around_teach_nothing_those_without_do(
+    monkeypatch: pytest.MonkeyPatch, washroom: Scene, looked: bool
+) -> None:
+    """Of rays a first look is expected, and seldom comes: then the first picture tells what they take."""
+    camera = washroom.camera(width=40, height=40)
+    traced = replace(RenderOptions(reuse=None), reflections="traced", supersample=1)
+    monkeypatch.setattr(HitShader, "looked_around", property(lambda _: looked))
+    tr.render(washroom, camera, options=traced, history=RenderHistory())  # kernels are there
+    history = tr.render(washroom, camera, options=traced, history=RenderHistory()).history
+    assert history is not None and history.pace is not None
+    assert (("reflections", "traced") in history.pace.ratios) != looked
+
+
 def test_sensing_looks_around_only_where_a_budget_affords_it(washroom: Scene) -> None:
     camera = washroom.camera(width=40, height=40)
     known = Knowledge.of(washroom, camera, RenderOptions(), None, load_curves())
@@ -125,3 +140,35 @@ def test_what_settings_show_in_is_found_without_options_made_anew(monkeypatch: p
     monkeypatch.setattr(question, "RenderOptions", refused)
     shown = {step.name for step in PASSES if question._shows_in.__wrapped__(SHADOW_MAP, step)}
     assert "shadow_map" in shown and "resample" not in shown
+
+
+def test_a_picture_without_time_left_senses_nothing(washroom: Scene) -> None:
+    """One that stands by a choice; a new one needs to know what errors follow, and bounds take their time."""
+    camera = washroom.camera(width=40, height=40)
+    known = Knowledge.of(washroom, camera, RenderOptions(), RenderHistory(), load_curves())
+
+    def looks(took_ms: float, stood: int, limits: tuple[float | None, float | None] = (60.0, None)) -> bool:
+        run = Run(known, limits, StepClock())
+        run._choose(known.outlook.options)
+        run.searches = [replace(search, pictures=stood) for search in run.searches]
+        run.done = [row.name for row in run.plan.running]
+        run.clock.elapsed_ms = {"gbuffer": took_ms}
+        return run._looks
+
+    assert looks(50.0, 3) and not looks(67.0, 3) and not looks(50.0, 2)
+    assert looks(67.0, 0) and looks(67.0, 3, (None, 0.1)) and not looks(50.0, 3, (None, None))
+
+
+def test_glossy_pixels_look_at_surroundings_several_times(washroom: Scene) -> None:
+    """Nothing but mirrors is expected before a picture tells."""
+    camera, step = washroom.camera(width=40, height=40), find_pass("reflections")
+    options = replace(RenderOptions(reuse=None), reflections="environment", supersample=1)
+    outlook = Knowledge.of(washroom, camera, options, None, load_curves()).outlook
+    told = replace(outlook, known={REFLECTIVE_SHARE: 0.4, GLOSSY_SHARE: 0.1})
+    assert step.amounts(outlook)[1] == pytest.approx(0.3 * 1600e-6)
+    assert step.amounts(told)[1] == pytest.approx((0.4 + 0.1 * (OF_LOBE - 1.0)) * 1600e-6)
+    traced = told.at(replace(options, reflections="traced"))
+    assert step.amounts(traced)[1] == pytest.approx(0.4 * 1600e-6)
+    history = tr.render(washroom, camera, options=options, history=RenderHistory()).history
+    assert history is not None and history.pace is not None
+    assert 0.0 <= history.pace.known[GLOSSY_SHARE] <= history.pace.known[REFLECTIVE_SHARE]

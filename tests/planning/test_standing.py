@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +10,9 @@ import pytest
 import torchrender as tr
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import MISSES, SEARCHING, TOLERANCE, Pace, Search
-from torchrender.planning import choices, planner
+from torchrender.planning import choices, planner, standing
+from torchrender.planning.costs import Knowledge
+from torchrender.planning.curves import load_curves
 from torchrender.planning.plan import Plan
 from torchrender.planning.search import HEADROOM, HEADROOMS, choose, headroom
 from torchrender.planning.standing import FULL, LEAST_MS, LONGEST, PICTURES, SHARE, SLOWER
@@ -95,54 +96,47 @@ def test_no_choice_stands_for_ever(monkeypatch: pytest.MonkeyPatch, past: Render
         assert planned(monkeypatch, with_search(known, replace(last(past), pictures=stood)))[1] > 0
 
 
-@pytest.mark.parametrize("share, searching, stood, searched", [
-    (0.95, 1e3, PICTURES, False), (0.95, 1e3, LONGEST, True), (0.8, 1e3, PICTURES - 1, False),
-    (0.8, 1e3, PICTURES, True), (0.95, 0.1, PICTURES, True),
-])  # fmt: skip
-def test_a_choice_that_fills_its_budget_stands(
-    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, searching: float, stood: int, searched: bool
+@pytest.mark.parametrize("share", [0.2, 0.95, 1.5])
+@pytest.mark.parametrize("stood", [0, PICTURES, LONGEST])
+@pytest.mark.parametrize("pictures", [1, 2, 100])
+def test_under_a_budget_no_picture_pays_for_a_search(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, share: float, stood: int, pictures: int
 ) -> None:
-    """No picture is worse than those beside it to pay for a search that has little to find."""
-    rest = with_search(past, None)
-    plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
-    assert plan.search is not None and plan.possible and rest.pace is not None
-    costly = replace(rest.pace, known={**rest.pace.known, SEARCHING: searching})
+    """Whatever the choice leaves of it, and however long it stood: searches come after pictures."""
+    plan, _ = planned(monkeypatch, with_search(past, None), max_error=None, budget_ms=1000.0)
+    assert plan.search is not None and plan.possible
     budget = (plan.predicted_ms or 0.0) / (share * HEADROOM)
-    kept = replace(plan.search, wishes=(budget, None), pictures=stood)
-    past = replace(rest, pace=replace(costly, search=kept))
-    assert (planned(monkeypatch, past, max_error=None, budget_ms=budget)[1] > 0) == searched
+    kept = with_search(past, replace(plan.search, wishes=(budget, None), pictures=stood, quicker=None, earlier=None))
+    again, searches = planned(monkeypatch, replace(kept, pictures=pictures), max_error=None, budget_ms=budget)
+    assert searches == 0 and again.search is not None and again.search.settings == plan.search.settings
+    assert again.possible == (share < 1.0), "it says so"
 
 
-@pytest.mark.parametrize("searching", [10.0, 30.0, 1e3])
-def test_choices_stand_for_as_long_as_their_search_was_dear(
-    monkeypatch: pytest.MonkeyPatch, past: RenderHistory, searching: float
+@pytest.mark.parametrize("spent, ms, moved, holds", [
+    (70.0, 20.0, True, True), (20.0, 20.0, True, False), (20.0, 20.0, False, True),
+    (105.0, 20.0, False, True), (60.0, 60.0, False, False),
+], ids=["no room", "room", "as it was", "little to save", "much to save"])  # fmt: skip
+def test_in_the_middle_of_a_picture_a_search_has_to_be_worth_its_time(
+    past: RenderHistory, spent: float, ms: float, moved: bool, holds: bool
 ) -> None:
-    """Whatever moved meanwhile, if the choice fits: until the search is a small share of the budget of those pictures,
-    or as many stood by it as ever do."""
-    budget = 100.0
-    rest = with_search(past, None)
-    plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=budget)
-    assert plan.search is not None and plan.possible and rest.pace is not None
-    later = plan.search.later
-    assert later is not None
-    ms, error, most = later.cost
-    moved = replace(later, cost=(ms, 2.0 * error, most))
-    known = replace(rest, pace=replace(rest.pace, known={**rest.pace.known, SEARCHING: searching}))
-    length = min(PICTURES, math.ceil(searching / (SHARE * budget)))
-    for stood in (length - 1, length):
-        kept = with_search(known, replace(moved, pictures=stood))
-        searched = planned(monkeypatch, kept, max_error=None, budget_ms=budget)[1] > 0
-        assert searched == (stood == length), stood
-    first = replace(with_search(known, replace(moved, pictures=0)), pictures=1)
-    assert planned(monkeypatch, first, max_error=None, budget_ms=budget)[1] > 0, "of the first picture's no use"
+    """A budget of 100 ms, of which a search takes 40 and half of one 20; errors that moved ask for one."""
+    assert past.pace is not None
+    usual = sum(past.pace.beside(past.pace.looks_next).values())
+    known = {**past.pace.known, SEARCHING: usual + 40.0}
+    history = replace(past, pace=replace(past.pace, known=known))
+    knowledge = Knowledge.of(SCENE, CAMERA, OPTIONS, history, load_curves())
+    search = replace(last(past), wishes=(100.0, None), possible=True, cost=(ms, 0.1, 0.2))
+    cost = (ms, 0.2 if moved else 0.1, 0.3)
+    assert standing._holds(knowledge, search, search.wishes, cost, spent, True) == holds
 
 
-def test_what_became_possible_is_searched_for(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
+def test_what_became_possible_is_said_to_be(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
     plan, _ = planned(monkeypatch, with_search(past, None), max_error=None, budget_ms=1000.0)
     assert plan.search is not None and plan.possible
     assert planned(monkeypatch, with_search(past, plan.search), max_error=None, budget_ms=1000.0)[1] == 0
     lost = with_search(past, replace(plan.search, possible=False))
-    assert planned(monkeypatch, lost, max_error=None, budget_ms=1000.0)[1] > 0
+    again, searches = planned(monkeypatch, lost, max_error=None, budget_ms=1000.0)
+    assert again.possible and searches == 0
 
 
 def test_first_choices_stand_for_a_short_time(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
@@ -151,18 +145,31 @@ def test_first_choices_stand_for_a_short_time(monkeypatch: pytest.MonkeyPatch, p
     assert planned(monkeypatch, replace(young, pictures=4))[1] == 0
 
 
-def test_a_budget_that_became_too_small_is_searched_for(monkeypatch: pytest.MonkeyPatch, past: RenderHistory) -> None:
-    """The same wish and the same predictions, but less of the budget may be filled."""
+def test_where_a_budget_became_too_small_something_quicker_is_taken(
+    monkeypatch: pytest.MonkeyPatch, past: RenderHistory
+) -> None:
+    """The same wish and the same predictions, but less of the budget may be filled: what the search found beside its
+    choice, as quick as need be."""
     assert past.pace is not None
     rest = with_search(past, None)
-    plan, _ = planned(monkeypatch, rest, max_error=None, budget_ms=1000.0)
-    assert plan.search is not None and plan.possible
-    tight = 1.02 * (plan.predicted_ms or 0.0) / (FULL * HEADROOM)
-    kept = with_search(past, replace(plan.search, wishes=(tight, None)))
-    assert planned(monkeypatch, kept, max_error=None, budget_ms=tight)[1] == 0
+    plans = [planned(monkeypatch, rest, max_error=None, budget_ms=budget)[0] for budget in (1000.0, 60.0, 20.0)]
+    chosen, quick, least = (plan.search for plan in plans)
+    assert chosen is not None and quick is not None and least is not None
+    assert chosen.cost[0] > quick.cost[0] > least.cost[0] and chosen.possible
+    tight = 1.02 * (plans[0].predicted_ms or 0.0) / (FULL * HEADROOM)
+    wishes = (tight, None)
+    quick = replace(quick, wishes=wishes, quicker=replace(least, wishes=wishes))
+    kept = with_search(past, replace(chosen, wishes=wishes, quicker=quick))
+    stays = planned(monkeypatch, kept, max_error=None, budget_ms=tight)[0].search
+    assert stays is not None and stays.settings == chosen.settings
     assert kept.pace is not None
-    late = replace(kept, pace=replace(kept.pace, misses=(0.35, 0.35)))
-    assert planned(monkeypatch, late, max_error=None, budget_ms=tight)[1] > 0
+    for slower, wanted in ((1.5, quick), (1e3, least)):
+        ratios = {key: slower * kept.pace.ratio(*key) for key in chosen.settings.items()}
+        late = replace(kept, pace=replace(kept.pace, ratios=ratios, misses=(0.35, 0.35)))
+        plan, searches = planned(monkeypatch, late, max_error=None, budget_ms=tight)
+        assert searches == 0 and plan.search is not None and plan.search.settings == wanted.settings, slower
+        assert plan.search.pictures == 1, "it stands for as long as a new one"
+        assert plan.possible == (slower < 10.0)
 
 
 def test_from_a_choice_that_turned_out_too_slow_the_way_back_is_no_search(
@@ -179,9 +186,11 @@ def test_from_a_choice_that_turned_out_too_slow_the_way_back_is_no_search(
     missed = replace(slow, wishes=(middle, None), pictures=1, earlier=stood)
     plan, searches = planned(monkeypatch, with_search(rest, missed), max_error=None, budget_ms=middle)
     assert searches == 0 and plan.search is not None and plan.search.settings == quick.settings
-    assert plan.search.pictures == 1, "it stands for as long as a new one"
-    lost = replace(missed, earlier=None)
-    assert planned(monkeypatch, with_search(rest, lost), max_error=None, budget_ms=middle)[1] > 0
+    assert plan.search.pictures == 1 and plan.possible, "it stands for as long as a new one"
+    lost, searches = planned(
+        monkeypatch, with_search(rest, replace(missed, earlier=None)), max_error=None, budget_ms=middle
+    )
+    assert searches == 0 and not lost.possible and lost.search is not None and lost.search.settings == slow.settings
 
 
 def test_headroom_follows_how_far_times_are_missed() -> None:

@@ -7,14 +7,11 @@ wrapper is made in vain and a helper may still be called from anywhere.
 
 from __future__ import annotations
 
-import gc
 import hashlib
 import logging
 import os
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +22,7 @@ from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
 from numba.np.ufunc import parallel as numba_parallel
 
+from torchrender.clock import garbage_left
 from torchrender.errors import ForkError
 from torchrender.kernels.claims import Claim, take, wait
 from torchrender.kernels.front_end import shorten
@@ -111,7 +109,7 @@ class Kernel(CPUDispatcher):
         """For these types of arguments; other processes that want the same wait meanwhile."""
         Kernel.loads += 1
         try:
-            with _garbage_left():
+            with garbage_left():  # compilers make millions of objects and few cycles
                 return super().compile(sig)
         finally:
             claim, self._claim = self._claim, None
@@ -145,32 +143,6 @@ class Kernel(CPUDispatcher):
 def _without_value(kind: Any) -> Any:
     """The type of a number that is known while compiling, as of one that is not; other types as they are."""
     return types.unliteral(kind) if isinstance(kind, types.IntegerLiteral | types.BooleanLiteral) else kind
-
-
-_compiling = threading.Lock()
-_at_work = 0
-_collects = False
-"""Whether garbage was collected before the first of those at work began."""
-
-
-@contextmanager
-def _garbage_left() -> Iterator[None]:
-    """No garbage is collected in here: compilers make millions of objects and few cycles, and looking for these takes a
-    sixth of the time.
-    """
-    global _at_work, _collects
-    with _compiling:
-        if _at_work == 0:
-            _collects = gc.isenabled()
-            gc.disable()
-        _at_work += 1
-    try:
-        yield
-    finally:
-        with _compiling:
-            _at_work -= 1
-            if _at_work == 0 and _collects:
-                gc.enable()
 
 
 def kernel(

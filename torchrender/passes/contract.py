@@ -74,6 +74,7 @@ class Pass:
     own: OwnMeasure | None = None
     settle: Settle | None = None  # its options may leave the way to the planner,
     settles: Callable[[RenderOptions], bool] = lambda _: False  # and do so here
+    coarsens: float = 0.0  # power of the picture's pixels per rendered one and side by which errors of fewer grow
     off: str | None = None  # the setting at which it does not run, if there is one
     measured_with: Mapping[str, Any] = field(default_factory=dict)  # options, where the usual ones are not fit
 
@@ -81,6 +82,8 @@ class Pass:
     continues: Buffer[Any] | None = None  # it runs only while this is kept, in place of the buffer's next maker
     rests_on: Buffer[Any] | None = None  # lasts; where it is made anew, so is some of its own work
     once: int = 0  # so many of its last amounts are work done once, for many pictures
+    did: Callable[[Frame], bool] | None = None  # after it ran: that is done now; None: as its amounts say
+    doubt: float = 1.0  # times that a setting may take longer than its amounts say, where no picture told yet
     by_settings: bool = False  # whether it applies depends on settings, its own or those of others
     for_next: bool = False  # what it makes is for the next picture of a sequence: nobody in this one asks for it
     checkpoint: Callable[[Frame], Mapping[str, float]] | None = None  # what is known after it: the plan is made anew

@@ -57,6 +57,11 @@ class Outlook:
         """What an earlier picture left of a buffer, if it holds for this scene and these options."""
         return self.history.get(buffer, self.options)
 
+    def knows(self, quantity: str) -> bool:
+        """The quantity was found out, in this picture or the last one."""
+        pace = self.history.pace
+        return quantity in self.known or (pace is not None and quantity in pace.known)
+
     def share(self, quantity: str) -> float:
         """A share of the rendered pixels: as found out, as in the last picture, or a guess."""
         found = self.known.get(quantity)
@@ -109,6 +114,10 @@ def no_shadows(outlook: Outlook) -> Verdict | None:
         return Verdict(False, "the scene has no light that could cast shadows")
     if not outlook.scene.geometry.triangle_count:
         return Verdict(False, "the scene has no triangles")
-    if not any(shines(light) for light in outlook.scene.lights):
+    if not outlook.fact(_some_shine):
         return Verdict(False, "every light is off")
     return None
+
+
+def _some_shine(scene: Scene, _: Cameras) -> bool:
+    return any(shines(light) for light in scene.lights)

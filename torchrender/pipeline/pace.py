@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Any
 
+from torchrender.pipeline.buffer import Buffer
 from torchrender.pipeline.options import RenderOptions
 
 LEARNING = 0.5
@@ -44,6 +45,12 @@ FIRST_SEARCHING = 16.0
 BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 """Quantities that a picture tells the next one: what a budget pays beside the passes."""
 
+FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
+"""Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
+
+LOOKS = 4
+"""Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
+
 UNPRICED, LAST_UNPRICED = (f"milliseconds that no curve prices: {name}" for name in ("usual", "last"))
 """Quantities that a sequence learns: of passes that have nothing to do by their amounts, and between passes."""
 
@@ -79,6 +86,8 @@ class Search:
     pictures: int = 0  # that stood by it
     later: Search | None = None  # the same for pictures that need not pay for a search
     earlier: Search | None = None  # by which pictures stood before this one
+    quicker: Search | None = None  # the same for much less time
+    ahead: tuple[Buffer[Any], ...] = ()  # that last, made for pictures to come by the first that stands by it
 
     @property
     def tried(self) -> Search | None:
@@ -87,10 +96,15 @@ class Search:
 
     def is_of(self, wishes: tuple[float | None, float | None], asked: RenderOptions) -> bool:
         """It was about the same."""
-        return self.wishes == wishes and (asked is self.asked or _alike(asked, self.asked))
+        return self.wishes == wishes and (asked is self.asked or alike(asked, self.asked))
 
 
-def _alike(first: Any, second: Any) -> bool:
+def looks(stood: int) -> bool:
+    """A picture senses: it is made by a new choice, or that many stood by its choice, with it."""
+    return stood == 0 or stood % LOOKS == LOOKS - 1
+
+
+def alike(first: Any, second: Any) -> bool:
     """Options are equal; colours may be tensors, of which only the same one is."""
     mine, other = dict(vars(first)), dict(vars(second))
     return mine.pop("background") is other.pop("background") and mine == other
@@ -107,11 +121,22 @@ class Pace:
     choice: Mapping[str, str] = field(default_factory=dict)  # setting by pass
     known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
     search: Search | None = field(default=None, compare=False)  # that the last picture was made by
+    hunt: object = field(default=None, compare=False)  # another one that has begun (:mod:`torchrender.planning.ahead`)
+
+    def beside(self, looking: bool) -> dict[str, float]:
+        """Milliseconds, by name, that a picture which makes no search is expected to pay beside its passes; of sensing
+        if it is ``looking``."""
+        return {name: self.known.get(known, 0.0) for name, known in BESIDE.items() if looking or name != "senses"}
+
+    @property
+    def looks_next(self) -> bool:
+        """A picture senses that stands by the last choice, too."""
+        return self.search is None or looks(self.search.pictures + 1)
 
     @property
     def search_ms(self) -> float:
         """What a search is expected to take, with the sensing after it, beyond what a picture without one pays."""
-        usual = sum(self.known.get(name, 0.0) for name in BESIDE.values())
+        usual = sum(self.beside(self.looks_next).values())
         return max(0.0, self.known.get(SEARCHING, FIRST_SEARCHING) - usual)
 
     @property
@@ -140,17 +165,31 @@ class Pace:
         late = budget_ms is not None and measured_ms > TOLERANCE * budget_ms
         return replace(self, wary=MISSES if late else max(self.wary - 1, 0))
 
-    def doubt(self, name: str, setting: str) -> float:
-        """Times by which a prediction is taken to be longer where a budget has to be kept."""
-        return UNTRIED if self.wary and (name, setting) not in self.ratios else 1.0
+    def doubt(self, name: str, setting: str, own: float = 1.0) -> float:
+        """Times by which a prediction is taken to be longer where a budget has to be kept: after a late picture, and
+        before any tells how far predictions are missed.
+
+        Args:
+            own: the same, before a picture ran the setting, for this pass in any case.
+        """
+        if not (self.wary or self.ratios) or (name, setting) in self.ratios:
+            return 1.0
+        return max(own if self.ratios else 1.0, UNTRIED if self.wary or not self.misses else 1.0)
 
     def ratio(self, name: str, setting: str) -> float:
-        """Correction of a prediction: of this setting, else the mean of the pass's others, else that of all passes."""
+        """Correction of a prediction: of this setting, else the mean of the pass's others, else that of all passes.
+
+        Where the others were quicker than all passes together, half of that: a small map drawn in no time says little
+        about a large one.
+        """
         own = self.ratios.get((name, setting))
         if own is not None:
             return own
         others = [value for (known, _), value in self.ratios.items() if known == name]
-        return sum(others) / len(others) if others else self.speed
+        if not others:
+            return self.speed
+        mean = sum(others) / len(others)
+        return max(mean, math.sqrt(mean * self.speed))
 
     def aged(self, used: Collection[tuple[str, str]]) -> Pace:
         """After another picture: ratios of settings that it did not use fade towards that of all passes."""

@@ -61,7 +61,7 @@ class Knowledge:
         """Without what was sensed from where the eye was, and what was chosen by that."""
         past, pace = self.outlook.history, self.pace
         known = {name: value for name, value in pace.known.items() if not name.startswith(SENSE)}
-        past = replace(past, pace=replace(pace, known=known, search=None))
+        past = replace(past, pace=replace(pace, known=known, search=None, hunt=None))
         return replace(self, outlook=replace(self.outlook, history=past))
 
     @property
@@ -116,6 +116,8 @@ class Knowledge:
             best = min(self._error(step, s).error for s in step.settings.names)
             found = found._replace(error=max(found.error - best, 0.0))
         factor = self.curves.joint(options).factor if self.unseen else self.curves.own_factor(self.name)
+        if self.unseen and setting != step.off:
+            factor *= min(options.supersample, 1.0) ** -step.coarsens
         return found if factor == 1.0 else found._replace(error=min(factor * found.error, 1.0))
 
     def leaves_out(self, step: Pass, options: RenderOptions) -> bool:

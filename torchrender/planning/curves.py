@@ -118,7 +118,7 @@ class Curves:
 
     def joint(self, options: RenderOptions) -> Joint:
         """How pictures of scenes that were not measured lie about what their passes add up to."""
-        return self.coarse if options.supersample < 1.0 else self.fine
+        return self.coarse.at(options.supersample) if options.supersample < 1.0 else self.fine
 
     def own_factor(self, scene: str) -> float:
         """What pictures of a scene that was measured err by, over what their passes add up to."""

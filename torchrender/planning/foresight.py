@@ -48,10 +48,24 @@ class Joint(NamedTuple):
     factor: float = 1.0  # their median,
     below: float = COVERED  # and how far nine of ten lie from that,
     above: float = COVERED  # in standard deviations of the prediction
+    slope: float = 0.0  # power of the picture's pixels per rendered one and side, by which the median grows
+
+    def at(self, supersample: float) -> Joint:
+        """Of pictures with so many rendered pixels per pixel and side."""
+        return self._replace(factor=self.factor * supersample**-self.slope, slope=0.0) if self.slope else self
+
+
+class Whole(NamedTuple):
+    """A whole picture: its error, and what its passes add up to."""
+
+    error: float
+    told: Expected
+    supersample: float = 1.0
+    scene: int | None = None  # that others show, too; None: no other does
 
 
 def parse_joint(told: Any) -> Joint:
-    """From JSON: factor and tails, or the factor alone.
+    """From JSON: factor, tails and slope, or the first of them.
 
     Raises:
         ValueError: numbers out of range.
@@ -61,23 +75,62 @@ def parse_joint(told: Any) -> Joint:
         raise ValueError(f"joint: factor must be in [0.25, 4], got {joint.factor}")
     if not (0.0 < joint.below <= 10.0 and 0.0 < joint.above <= 10.0):
         raise ValueError(f"joint: tails must be in (0, 10], got {joint.below} and {joint.above}")
+    if not 0.0 <= joint.slope <= 1.0:
+        raise ValueError(f"joint: slope must be in [0, 1], got {joint.slope}")
     return joint
 
 
-def joint_of_pictures(pictures: Sequence[tuple[float, Expected]]) -> Joint:
-    """Of errors of pictures, each with what its passes added up to; fewer than ten say nothing about tails.
+def joint_of_pictures(pictures: Sequence[Whole]) -> Joint:
+    """Of pictures with what their passes added up to; fewer than ten say nothing about tails.
 
-    Of pictures whose scenes were not fitted to, the tails hold nine of ten of those to come (split conformal).
+    Of pictures whose scenes were not fitted to, the tails hold nine of ten of those to come (split conformal); where
+    several show one scene, nine of ten of each scene by those of the others.
     """
     if not pictures:
         return Joint()
-    ratios = np.array([math.log(max(error, LEAST) / max(told.error, LEAST)) for error, told in pictures])
-    middle = float(np.median(ratios))
+    median, slope = _median(pictures)
     if len(pictures) < 10:
-        return Joint(math.exp(middle))
-    off = np.sort((ratios - middle) / np.array([told.spread for _, told in pictures]))
-    outside = max(int((1.0 - TO_HOLD) / 2.0 * (len(off) + 1)), 1)  # on either side, of these and the next one
-    return Joint(math.exp(middle), max(-float(off[outside - 1]), LEAST_TAIL), max(float(off[-outside]), LEAST_TAIL))
+        return Joint(math.exp(median), slope=slope)
+    outside = max(int((1.0 - TO_HOLD) / 2.0 * (len(pictures) + 1)), 1)  # on either side, of these and the next one
+    scenes = {one.scene for one in pictures if one.scene is not None}
+    while outside > 1 and scenes and _held(pictures, scenes, outside) < TO_HOLD:
+        outside -= 1
+    below, above = _tails(pictures, (median, slope), outside)
+    return Joint(math.exp(median), below, above, slope)
+
+
+def _ratios(pictures: Sequence[Whole], slope: float) -> np.ndarray:
+    """Logarithms (N,) of errors over what is expected of them, but for the median."""
+    told = [math.log(max(one.error, LEAST) / max(one.told.error, LEAST)) for one in pictures]
+    return np.array(told) + slope * np.log([one.supersample for one in pictures])
+
+
+def _median(pictures: Sequence[Whole]) -> tuple[float, float]:
+    """The median logarithm, and the slope over that of pixels per rendered one."""
+    finer, slope = -np.log([one.supersample for one in pictures]), 0.0
+    if np.ptp(finer) > 0.1:
+        slope = min(max(float(np.polyfit(finer, _ratios(pictures, 0.0), 1)[0]), 0.0), 1.0)
+    return float(np.median(_ratios(pictures, slope))), slope
+
+
+def _tails(pictures: Sequence[Whole], line: tuple[float, float], outside: int) -> tuple[float, float]:
+    """Standard deviations down and up beyond which so many pictures lie, that number included."""
+    spreads = np.array([one.told.spread for one in pictures])
+    off = np.sort((_ratios(pictures, line[1]) - line[0]) / spreads)
+    return max(-float(off[outside - 1]), LEAST_TAIL), max(float(off[-outside]), LEAST_TAIL)
+
+
+def _held(pictures: Sequence[Whole], scenes: Iterable[int], outside: int) -> float:
+    """Share of the pictures that lie within the tails of those of other scenes."""
+    held = []
+    for scene in scenes:
+        own = [one for one in pictures if one.scene == scene]
+        others = [one for one in pictures if one.scene != scene]
+        line = _median(others)
+        below, above = _tails(others, line, outside)
+        off = (_ratios(own, line[1]) - line[0]) / np.array([one.told.spread for one in own])
+        held += ((-below <= off) & (off <= above)).tolist()
+    return float(np.mean(held))
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def make_plan(
     ran = frozenset(done or ())
     wishes = (budget_ms, max_error)
     found = None if wishes == (None, None) else _found(knowledge, options, wishes, tuple(done or ()), spent_ms, before)
-    options = _settled(knowledge, options, ran) if found is None else found.options
+    options = settled(knowledge, options, ran) if found is None else found.options
     rows = rows_of(knowledge, options) if found is None else found.rows
     expected = expected_of(knowledge, rows, options)
     plan = Plan(
@@ -109,23 +109,36 @@ def make_plan(
         return plan
     choice, search = found.choice, found.search
     if search is None:
-        asked = _settled(knowledge, knowledge.outlook.options, ran)
-        search = Search(
-            wishes=wishes,
-            asked=knowledge.outlook.options,
-            settings=choice.settings,
-            possible=choice.possible,
-            changes=_changes(knowledge, asked, options, rows),
-            cost=cost_of_rows(rows, expected, ran),
-            later=None if before is None or before.search is None else before.search.later,
-            earlier=None if knowledge.pace.search is None else knowledge.pace.search.tried,
-        )
+        earlier_place = None if before is None else before.search
+        search = search_of(knowledge, wishes, found, ran)
+        search = replace(search, later=None if earlier_place is None else earlier_place.later)
         if found.later is not None:
             cost = (found.later.predicted_ms - spent_ms, found.later.predicted_error, found.later.predicted_error)
             chosen, possible = found.later.settings, found.later.possible
             search = replace(search, later=replace(search, settings=chosen, possible=possible, cost=cost))
     plan = replace(plan, changes=search.changes, search=search)
     return plan if choice.possible else replace(plan, possible=False, statement=_statement(plan, choice, spent_ms))
+
+
+def search_of(
+    knowledge: Knowledge,
+    wishes: tuple[float | None, float | None],
+    found: Standing,
+    done: frozenset[str] = frozenset(),
+) -> Search:
+    """What a new choice came to, for pictures that stand by it."""
+    asked = settled(knowledge, knowledge.outlook.options, done)
+    expected = expected_of(knowledge, found.rows, found.options)
+    return Search(
+        wishes=wishes,
+        asked=knowledge.outlook.options,
+        settings=found.choice.settings,
+        possible=found.choice.possible,
+        changes=_changes(knowledge, asked, found.options, found.rows),
+        cost=cost_of_rows(found.rows, expected, done),
+        earlier=None if knowledge.pace.search is None else knowledge.pace.search.tried,
+        ahead=found.ahead,
+    )
 
 
 def _found(
@@ -140,7 +153,7 @@ def _found(
     kept = stands(knowledge, options, wishes, done, spent_ms, before)
     if kept is not None:
         return kept
-    options = _settled(knowledge, options, frozenset(done))
+    options = settled(knowledge, options, frozenset(done))
     past, ran = knowledge.outlook.history, frozenset(done)
     going_on = past.sequence and not past.moves and not done
     budget_ms, max_error = wishes
@@ -149,7 +162,9 @@ def _found(
         share = 1.0 / PICTURES if going_on else 1.0
         return surely(Question.about(knowledge, options, ran, wary=WARY, share=share), (None, max_error, spent_ms))
     question = Question.about(knowledge, options, ran, near=True, wary=0.0 if max_error is None else WARY, careful=True)
-    later = None if done or max_error is not None else choose(question, budget_ms, None, spent_ms)
+    # After the first picture of a sequence those that follow are chosen for anew.
+    alone = done or max_error is not None or (going_on and not past.pictures)
+    later = None if alone else choose(question, budget_ms, None, spent_ms)
     paid_ms = spent_ms if done else spent_ms + knowledge.pace.search_ms
     if max_error is not None:
         return surely(question, (budget_ms, max_error, paid_ms))
@@ -193,7 +208,7 @@ def _total(rows: Mapping[str, PlanRow | None]) -> float:
     return sum(row.predicted_ms or 0.0 for row in rows.values() if row is not None)
 
 
-def _settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str]) -> RenderOptions:
+def settled(knowledge: Knowledge, options: RenderOptions, done: frozenset[str]) -> RenderOptions:
     """The options with what the wish leaves to the planner, as far as its pass has not run."""
 
     def prices(other: RenderOptions) -> dict[AnyBuffer, float | None]:

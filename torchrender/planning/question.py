@@ -136,7 +136,7 @@ class Question:
                 each = self.knowledge.predicted_ms(step, setting.name, step.again(amounts)) or 0.0
                 found = each + self.share * (found - each)
             if self.careful:
-                found *= self.knowledge.pace.doubt(step.name, setting.name)
+                found *= self.knowledge.pace.doubt(step.name, setting.name, step.doubt)
             self._memo[key] = found
         assert isinstance(found, float)
         return found
@@ -145,7 +145,7 @@ class Question:
         """Of one pass at one setting, to the power of the norm."""
         if not step.settings.is_choice:
             return 0.0
-        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)), self._joint_at(count))
+        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)), self._fineness(count))
         found = self._memo.get(key)
         if found is None:
             told = self.knowledge.setting_error(step, setting.name, self._exact_at(count))
@@ -154,8 +154,9 @@ class Question:
         assert isinstance(found, float)
         return found
 
-    def _joint_at(self, count: Setting) -> object:
-        return self.knowledge.curves.joint(self._exact_at(count)) if self.knowledge.unseen else None
+    def _fineness(self, count: Setting) -> object:
+        """What of a number of pixels errors of passes hang on."""
+        return min(self._exact_at(count).supersample, 1.0) if self.knowledge.unseen else None
 
     def inputs(self, step: Pass, setting: Setting, count: Setting, fresh: bool) -> frozenset[AnyBuffer]:
         """What a pass takes at one setting."""

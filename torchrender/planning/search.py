@@ -59,27 +59,31 @@ def choose(question: Question, budget_ms: float | None, max_error: float | None,
 
     Where nothing meets the wish: the quickest for a budget, the most exact for an error bound.
     """
-    norm = question.knowledge.curves.norm
-    pool = question.once("pool", lambda: _Pool(question))
+    norm, pool = question.knowledge.curves.norm, pool_of(question)
     time_limit = np.inf if budget_ms is None else headroom(question.knowledge.pace) * budget_ms - spent_ms
     error_limit = np.inf if max_error is None else max_error**norm
     found, possible = None, False
     if max_error is not None or budget_ms is None:
         # Both wishes: the quickest of those that meet both, else what the budget can give.
-        found = _best(pool, 0, error_limit)
+        found = best_of(pool, 0, error_limit)
         possible = found is not None and found.cost[0] <= time_limit * (1 + ROUNDING)
     if not possible and budget_ms is not None:
-        found = _best(pool, 1, time_limit)
+        found = best_of(pool, 1, time_limit)
         possible = found is not None and max_error is None
     if found is None:
-        found = _best(pool, 0 if budget_ms is not None else 1, np.inf)
+        found = best_of(pool, 0 if budget_ms is not None else 1, np.inf)
         assert found is not None, "every problem has a combination"
     elif possible and (budget_ms is None or max_error is None):
-        found = _loyal(question, pool, found, (time_limit, error_limit), 1 if budget_ms is not None else 0)
+        found = loyal(question, pool, found, (time_limit, error_limit), 1 if budget_ms is not None else 0)
+    return choice_of(question, found, spent_ms, possible)
+
+
+def choice_of(question: Question, found: Found, spent_ms: float, possible: bool) -> Choice:
+    """A combination as what is chosen."""
     return Choice(
         settings=_combination(question, found),
         predicted_ms=found.cost[0] + spent_ms,
-        predicted_error=max(found.cost[1], 0.0) ** (1.0 / norm),
+        predicted_error=max(found.cost[1], 0.0) ** (1.0 / question.knowledge.curves.norm),
         possible=possible,
     )
 
@@ -99,12 +103,12 @@ def headroom(pace: Pace) -> float:
 
 def cost_of(question: Question, combination: Combination) -> tuple[float, float]:
     """Time, and error to the power of the norm, of one combination."""
-    found = _at(question.once("pool", lambda: _Pool(question)), combination)
+    found = _at(pool_of(question), combination)
     assert found is not None, "of settings that are open"
     return found.cost
 
 
-class _Pool:
+class Pool:
     """Problems by number of pixels, made when they are asked for: most numbers cannot win, by the first pass alone."""
 
     def __init__(self, question: Question) -> None:
@@ -123,7 +127,12 @@ class _Pool:
         return self._made[count.name]
 
 
-def _at(pool: _Pool, combination: Combination) -> Found | None:
+def pool_of(question: Question) -> Pool:
+    """Made once a question."""
+    return question.once("pool", lambda: Pool(question))
+
+
+def _at(pool: Pool, combination: Combination) -> Found | None:
     """None where no problem has it: a pass does other work than when it was chosen."""
     for bounds in pool.at(pool.question.count_of(combination)):
         problem = bounds.problem
@@ -167,19 +176,34 @@ def _rests(least: np.ndarray) -> np.ndarray:
     return np.concatenate([least[::-1].cumsum(axis=0)[::-1], nothing])
 
 
-def _best(pool: _Pool, axis: int, limit: float) -> Found | None:
+def best_of(pool: Pool, axis: int, limit: float) -> Found | None:
     """The least time (0) or error (1) with no more than ``limit`` of the other; None if there is nothing."""
-    other = 1 - axis
-    allowed = limit + abs(limit) * ROUNDING if np.isfinite(limit) else np.inf
     best: Found | None = None
-    for count in sorted(pool.question.counts, key=lambda count: pool.least[count.name][axis]):
+    left = in_order(pool, axis)
+    while left:
+        left, best = looked(pool, axis, limit, left, best)
+    return best
+
+
+def in_order(pool: Pool, axis: int) -> tuple[Setting, ...]:
+    """Numbers of pixels, the first one that with which most may be won."""
+    return tuple(sorted(pool.question.counts, key=lambda count: pool.least[count.name][axis]))
+
+
+def looked(
+    pool: Pool, axis: int, limit: float, left: tuple[Setting, ...], best: Found | None
+) -> tuple[tuple[Setting, ...], Found | None]:
+    """After the next number of pixels with which something may be won: those that are left, and the best so far."""
+    allowed = limit + abs(limit) * ROUNDING if np.isfinite(limit) else np.inf
+    for place, count in enumerate(left):
         least = pool.least[count.name]
         if best is not None and least[axis] > best.cost[axis] * (1 + ROUNDING):
             break
-        if least[other] <= allowed:
+        if least[1 - axis] <= allowed:
             for bounds in pool.at(count):
                 best = _better(bounds, axis, limit, best)
-    return best
+            return left[place + 1 :], best
+    return (), best
 
 
 def _better(bounds: _Bounds, axis: int, limit: float, best: Found | None) -> Found | None:
@@ -249,7 +273,7 @@ def _order(found: Found, axis: int) -> tuple[float, float]:
     return float(f"{found.cost[axis]:.12g}"), found.cost[1 - axis]
 
 
-def _loyal(question: Question, pool: _Pool, found: Found, limits: tuple[float, float], axis: int) -> Found:
+def loyal(question: Question, pool: Pool, found: Found, limits: tuple[float, float], axis: int) -> Found:
     """The last picture's choice, if it is allowed and about as good."""
     last = question.knowledge.pace.choice
     if not all(last.get(name) in {s.name for s in open_} for name, open_ in question.open.items()):

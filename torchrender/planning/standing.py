@@ -3,9 +3,9 @@ picture.
 
 What is expected of the choice is worked out anew for every picture, so that a choice which no longer keeps what was
 wished for, or has become quicker, slower or less exact than it was, makes way for a search. That search has to be worth
-its time: it is a small share of what the pictures took that stood by the last one, and under a budget it fits into what
-the choice leaves, while there is a choice that fits.
-Within a picture, what its checkpoints found out counts in the same way.
+its time: for a bound it is a small share of what the pictures took that stood by the last one, and under a budget it
+comes after pictures, in what they leave of their time (:mod:`torchrender.planning.ahead`), while there is a choice that
+fits. Within a picture, what its checkpoints found out counts in the same way.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from torchrender.passes.contract import Buffers
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, TOLERANCE, Search
+from torchrender.pipeline.pace import FIRST_SEARCHING, SEARCHING, TOLERANCE, Pace, Search
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.foresight import Expected
 from torchrender.planning.plan import Plan, PlanRow
@@ -39,7 +39,7 @@ SHARE = 0.05
 FULL = 1.04
 """Times what a search may fill of a budget that a standing choice may: what a picture takes goes up and down."""
 
-FILLED = 0.9
+FILLED = 0.95
 """Share of what a search may fill: with a choice that takes as much there is little left to gain."""
 
 LONGEST = 8 * PICTURES
@@ -47,6 +47,10 @@ LONGEST = 8 * PICTURES
 
 EARLY = 3
 """Pictures of a sequence after which another search is worth its time in any case: the first ones tell most."""
+
+REST = 0.5
+"""Of the time of a search that one takes over what is left in the middle of a picture, and of what is left that quicker
+settings save, about."""
 
 Cost = tuple[float, float, float]
 
@@ -84,30 +88,65 @@ def stands(
         before: the plan that was made at an earlier place of this picture.
     """
     last = knowledge.pace.search if before is None else _left_of(knowledge, before, done)
-    # Where a new choice turned out too slow for a budget, the one before it is as good as known, and needs no search.
-    back = last is not None and before is None and wishes[0] is not None and wishes[1] is None
-    tries = (last, last.earlier if back and last is not None else None)
-    for search in tries:
-        if search is None or not search.is_of(wishes, knowledge.outlook.options):
-            return None
-        made = _chosen_by(knowledge, options, search, done)
-        if made is None:
-            return None
-        rows = rows_of(knowledge, made)
-        expected = expected_of(knowledge, rows, made)
-        cost = cost_of_rows(rows, expected, frozenset(done))
-        if before is None and search is last and _is_due(knowledge, search, wishes, spent_ms + cost[0]):
-            return None
-        if _holds(knowledge, search, wishes, cost, spent_ms, before is not None):
-            choice = Choice(
-                settings=search.settings,
-                predicted_ms=spent_ms + cost[0],
-                predicted_error=cost[1],
-                possible=search.possible,
-            )
-            stood = (search.pictures if search is last else 0) + (before is None)
-            return Standing(choice, made, rows, replace(search, pictures=stood))
-    return None
+    if last is None or not last.is_of(wishes, knowledge.outlook.options):
+        return None
+    made = _chosen_by(knowledge, options, last, done)
+    if made is None:
+        return None
+    now = _priced(knowledge, last, made, (done, spent_ms), before is None)
+    if before is None and _is_due(knowledge, last, wishes, now.choice.predicted_ms):
+        return None
+    assert now.search is not None
+    if _holds(knowledge, last, wishes, now.search.cost, spent_ms, before is not None):
+        stood = replace(last, pictures=last.pictures + (before is None))
+        return now._replace(choice=replace(now.choice, possible=last.possible), search=stood)
+    if before is not None or wishes[0] is None or wishes[1] is not None:
+        return None
+    return _instead(knowledge, options, now, spent_ms)
+
+
+def _priced(
+    knowledge: Knowledge, search: Search, made: RenderOptions, past: tuple[tuple[str, ...], float], whole: bool
+) -> Standing:
+    """A picture by that choice, with what it is expected to cost now.
+
+    Args:
+        past: passes that ran, and milliseconds that are spent. whole: it is all of the picture.
+    """
+    ahead = search.ahead if whole and not search.pictures else ()
+    known = replace(knowledge, ahead=ahead) if ahead else knowledge
+    rows = rows_of(known, made)
+    expected = expected_of(known, rows, made)
+    cost = cost_of_rows(rows, expected, frozenset(past[0]))
+    choice = Choice(
+        settings=search.settings, predicted_ms=past[1] + cost[0], predicted_error=cost[1], possible=search.possible
+    )
+    return Standing(choice, made, rows, replace(search, cost=cost), None, ahead)
+
+
+def _instead(knowledge: Knowledge, options: RenderOptions, slow: Standing, spent_ms: float) -> Standing:
+    """Where the last choice turned out too slow for a budget: a quicker one of the same search, or that before it.
+
+    A search would make the picture late. What others cost is taken to have grown by as much; where none of them fits,
+    the quickest is as good as it gets, and a search after the picture finds what does.
+    """
+    last = knowledge.pace.search
+    assert last is not None and slow.search is not None and last.wishes[0] is not None
+    left = headroom(knowledge.pace) * last.wishes[0] - spent_ms
+    grown = slow.search.cost[0] / max(last.cost[0], 1e-3)
+    quicker = last.quicker
+    others = [one for one in (quicker, last.earlier, None if quicker is None else quicker.quicker) if one is not None]
+    fitting = [one for one in others if grown * one.cost[0] <= left]
+    for one in fitting[:1] or sorted(others, key=lambda one: one.cost[0])[:1]:
+        made = _chosen_by(knowledge, options, one, ())
+        found = None if made is None else _priced(knowledge, one, made, ((), spent_ms), True)
+        if found is not None and found.choice.predicted_ms < slow.choice.predicted_ms:
+            slow = found
+    assert slow.search is not None
+    fits = slow.choice.predicted_ms <= FULL * headroom(knowledge.pace) * last.wishes[0]
+    return slow._replace(
+        choice=replace(slow.choice, possible=fits), search=replace(slow.search, possible=fits, pictures=1)
+    )
 
 
 def _chosen_by(
@@ -140,12 +179,13 @@ def _holds(
     budget, bound = wishes
     if budget is None or bound is not None:
         return not _moved(cost, search.cost) and search.possible == _kept(knowledge, wishes, cost, spent_ms)
-    if begun and search.possible:
-        # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance.
-        fits = spent_ms + cost[0] / headroom(knowledge.pace) <= TOLERANCE * budget
-    else:
-        fits = _fits(knowledge, search, budget, spent_ms + cost[0])
-    return fits and ((not begun and _is_patient(knowledge, search, budget)) or not _moved(cost, search.cost))
+    if not begun or not search.possible:
+        return _fits(knowledge, search, budget, spent_ms + cost[0])
+    # What is left varies as whole pictures do; what was chosen for it stays while it ends within the tolerance and
+    # leaves no time for another search, and where a search takes about what quicker settings save.
+    again_ms, needed_ms = REST * knowledge.pace.search_ms, spent_ms + cost[0] / headroom(knowledge.pace)
+    fits = needed_ms <= TOLERANCE * budget or again_ms > REST * cost[0]
+    return fits and (needed_ms + again_ms > budget or not _moved(cost, search.cost))
 
 
 def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Search | None:
@@ -157,38 +197,45 @@ def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Searc
 
 
 def _is_due(knowledge: Knowledge, last: Search, wishes: tuple[float | None, float | None], needed_ms: float) -> bool:
-    """Enough pictures stood by a choice for another search to be worth its time.
-
-    Under a budget that is where the choice leaves enough of it for the search, or more than little after the first
-    pictures, and later after ``PICTURES``: one that pays for a search by its own settings is worse than its neighbours.
-    """
+    """Enough pictures stood by a choice for another search to be worth its time, where a bound is to be kept."""
     pictures = knowledge.outlook.history.pictures
-    if last.pictures < min(PICTURES, pictures // 2):
-        return False
     budget, bound = wishes
-    if pictures < 2 or last.pictures >= LONGEST:
-        return True
-    early = pictures <= EARLY
-    if budget is None:
-        return early or last.pictures >= _searching(knowledge) / (SHARE * max(needed_ms, LEAST_MS))
-    if bound is not None:
-        return True
-    if last.possible and needed_ms + knowledge.pace.search_ms <= headroom(knowledge.pace) * budget:
-        return True
-    filled = last.possible and needed_ms >= FILLED * headroom(knowledge.pace) * budget
-    return (early or last.pictures >= PICTURES) and not filled
-
-
-def _is_patient(knowledge: Knowledge, last: Search, budget: float) -> bool:
-    """Too few pictures stood by a search under a budget for another one; the first picture's are of no use later."""
-    if knowledge.outlook.history.pictures < 2:
+    if bound is None or last.pictures < min(PICTURES, pictures // 2):
         return False
-    return last.pictures < min(PICTURES, _searching(knowledge) / (SHARE * budget))
+    if budget is not None or pictures < 2 or last.pictures >= LONGEST:
+        return True
+    searching = searching_of(knowledge.pace)
+    return pictures <= EARLY or last.pictures >= searching / (SHARE * max(needed_ms, LEAST_MS))
 
 
-def _searching(knowledge: Knowledge) -> float:
+def is_due_after(pace: Pace, pictures: int, budget: float, took_ms: float, error: float | None) -> bool:
+    """After a picture under a budget it is time for another search, for those that follow.
+
+    After the first one it is, which tells how fast the machine is, after one that took more than may be filled, once
+    the search of a choice that errs by something else than it did is a small share of what pictures took since, and
+    once enough pictures stood by one that leaves some of the budget.
+
+    Args:
+        pictures: of the sequence so far. took_ms: of the last one, with what it is expected to err by.
+    """
+    last = pace.search
+    if last is None:
+        return False
+    if pictures < 2 or last.pictures >= LONGEST or (last.ahead and last.pictures == 1):
+        return True
+    room = headroom(pace) * budget
+    if took_ms > FULL * room:
+        return last.pictures >= (1 if last.possible or pictures <= EARLY else PICTURES)
+    if error is not None and not _about(error, last.cost[1]):
+        return last.pictures >= max(min(PICTURES, searching_of(pace) / (SHARE * budget)), 1)
+    if took_ms >= FILLED * room or last.pictures < min(PICTURES, pictures // 2):
+        return False
+    return pictures <= EARLY or last.pictures >= PICTURES
+
+
+def searching_of(pace: Pace) -> float:
     """Milliseconds of a search."""
-    return knowledge.pace.known.get(SEARCHING, FIRST_SEARCHING)
+    return pace.known.get(SEARCHING, FIRST_SEARCHING)
 
 
 def _fits(knowledge: Knowledge, last: Search, budget: float, needed_ms: float) -> bool:
@@ -200,7 +247,12 @@ def _fits(knowledge: Knowledge, last: Search, budget: float, needed_ms: float) -
 
 def _moved(cost: Cost, before: Cost) -> bool:
     slower = max(cost[0], before[0]) > SLOWER * min(cost[0], before[0]) + LEAST_MS
-    return slower or not math.isclose(cost[1], before[1], rel_tol=WORSE - 1.0, abs_tol=1e-6)
+    return slower or not _about(cost[1], before[1])
+
+
+def _about(error: float, before: float) -> bool:
+    """Errors are about the same."""
+    return math.isclose(error, before, rel_tol=WORSE - 1.0, abs_tol=1e-6)
 
 
 def _kept(knowledge: Knowledge, wishes: tuple[float | None, float | None], cost: Cost, spent_ms: float) -> bool:

@@ -18,7 +18,7 @@ from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.costs import sense_of
-from torchrender.planning.foresight import COVERED, LEAST, Expected, Line, fitted, joint_of_pictures
+from torchrender.planning.foresight import COVERED, LEAST, Expected, Line, Whole, fitted, joint_of_pictures
 from torchrender.quality.metrics import flip
 from torchrender.renderer import NO_LIMIT, render
 from torchrender.scene.camera import Cameras
@@ -113,20 +113,23 @@ def _line(pairs: Iterable[tuple[float, dict[str, Any]]], kind: str, *, needed: b
 def joint_of(scenes: Iterable[Scene], size: int = SIDE) -> dict[str, list[float]]:
     """How errors of whole pictures lie about what their passes add up to, of ``fine`` and of ``coarse`` ones.
 
-    Of the second picture of a sequence, at settings that budgets and bounds choose by curves which do not tell it yet.
+    Of the second picture of a sequence, and of the first one under a bound, at settings that budgets and bounds choose
+    by curves which do not tell it yet.
     """
-    pictures: dict[str, list[tuple[float, Expected]]] = {"fine": [], "coarse": []}
-    for scene in scenes:
+    pictures: dict[str, list[Whole]] = {"fine": [], "coarse": []}
+    for number, scene in enumerate(scenes):
         camera = scene.with_default_light().camera(width=size, height=size)
         wanted = render(scene, camera, options=exact_options()).displayed().float()
         for wish in WISHES:
-            first = render(scene, camera, history=RenderHistory(), **wish)
-            second = render(scene, camera, history=first.history, **wish)
-            assert second.plan is not None
-            told, interval = second.plan.predicted_error, second.plan.error_interval
-            if told and interval is not None:
-                spread = math.log(told / interval[0]) / COVERED
-                kind = "coarse" if second.plan.options.supersample < 1.0 else "fine"
-                error = float(flip(second.displayed().float(), wanted)[0])
-                pictures[kind].append((error, Expected(told, spread)))
+            history: RenderHistory | None = RenderHistory()
+            for second in (False, True):
+                image = render(scene, camera, history=history, **wish)
+                history, plan = image.history, image.plan
+                assert plan is not None
+                if plan.predicted_error and plan.error_interval is not None and (second or "max_error" in wish):
+                    spread = math.log(plan.predicted_error / plan.error_interval[0]) / COVERED
+                    error = float(flip(image.displayed().float(), wanted)[0])
+                    few = plan.options.supersample
+                    told = Expected(plan.predicted_error, spread)
+                    pictures["coarse" if few < 1.0 else "fine"].append(Whole(error, told, min(few, 1.0), number))
     return {kind: [round(value, 3) for value in joint_of_pictures(found)] for kind, found in pictures.items()}

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from torchrender.arrays import view
 from torchrender.buffers import ReflectionLayer
 from torchrender.effects.reflections.reflectors import ReflectivePixels, reflection_layer
+from torchrender.kernels.reflections.share import Lobes, share_around
 
 SHARE = 0.35
 """Of a lobe's width: how far the mirrored directions of pixels may differ that share their rays (one deviation)."""
@@ -27,15 +30,42 @@ def share_rays(pixels: ReflectivePixels, color: Tensor) -> Tensor:
     """
     if not bool((pixels.gloss > 0).any()):
         return color
-    alpha = pixels.gloss.square()
+    width = SHARE * pixels.gloss.square().float()
     none = torch.full((len(pixels),), torch.inf)
     layer = reflection_layer(pixels, color, none, torch.ones(len(pixels)), pixels.object_id)
-    own = reflection_layer(pixels, alpha[:, None].expand(-1, 3), none, torch.ones(len(pixels)))
-    width = SHARE * own.color[..., 0]
-    shared = _around(layer, layer.color, width, 1)
-    if bool((alpha > WIDE).any()):
-        shared = torch.where((width > SHARE * WIDE)[..., None], _around(layer, shared, width, 3), shared)
+    widths = torch.zeros(layer.cluster.numel()).index_copy(0, pixels.pixel, width).reshape(layer.cluster.shape)
+    wide = bool((width > SHARE * WIDE).any())
+    variables = (color, pixels.gloss, pixels.direction)
+    if torch.is_grad_enabled() and any(value.requires_grad for value in variables):
+        shared = in_torch(layer, widths, wide)
+    else:
+        shared = _compiled(layer, widths, wide)
     return shared.reshape(-1, 3)[pixels.pixel]
+
+
+def _compiled(layer: ReflectionLayer, width: Tensor, wide: bool) -> Tensor:
+    """(B,H,W,3) by compiled loops: a tenth of the time of tensors for each of eight neighbours."""
+    own, widths = view(layer.color, np.float32), view(width, np.float32)
+    direction, reflector = view(layer.direction, np.float32), view(layer.cluster, np.int64)
+    for apart, least in ((1, LEAST), (3, SHARE * WIDE))[: 2 if wide else 1]:
+        out = np.empty_like(own)
+        for k in range(len(out)):
+            share_around(Lobes(own[k], direction[k], widths[k], reflector[k]), apart, (least, LEAST), out[k])
+        own = out
+    return torch.from_numpy(own)
+
+
+def in_torch(layer: ReflectionLayer, width: Tensor, wide: bool) -> Tensor:
+    """The same (B,H,W,3) with gradients.
+
+    Args:
+        width: (B,H,W) by which directions may differ that share.
+        wide: some share over more than the pixels beside them.
+    """
+    shared = _around(layer, layer.color, width, 1)
+    if wide:
+        shared = torch.where((width > SHARE * WIDE)[..., None], _around(layer, shared, width, 3), shared)
+    return shared
 
 
 def _around(layer: ReflectionLayer, color: Tensor, width: Tensor, apart: int) -> Tensor:

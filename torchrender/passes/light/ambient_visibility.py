@@ -266,6 +266,7 @@ PASS = Pass(
         ("256 rays", _traced(256, 1)),
     ),
     amounts=amounts,
+    coarsens=0.5,  # rendered pixels apart are searched from: with fewer these are farther apart in the picture
     off="off",
     settle=settle,
     settles=left_open,

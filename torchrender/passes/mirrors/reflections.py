@@ -20,7 +20,7 @@ from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE, wi
 from torchrender.passes.mirrors.air import before_mirrors, shadows_in_air
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.onward import mirror_shader, onward_of
-from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirrors, reflective
+from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, glossy, mirrors, reflective
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -121,6 +121,10 @@ VIEWS = 300.0
 """Depth images that curved clusters need beside those of planes, per million reflective pixels."""
 
 
+OF_LOBE = 7.0
+"""Times a mirror's work where surroundings are looked up for a glossy pixel: several times, and shared."""
+
+
 def amounts(outlook: Outlook) -> Amounts:
     """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
     options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
@@ -128,6 +132,8 @@ def amounts(outlook: Outlook) -> Amounts:
         shader = outlook.kept(HIT_SHADER)
         young = options.reflections == "environment" or outlook.history.pictures < YOUNG
         look = shader is None or (not shader.looked_around and young)
+    if options.reflections == "environment":
+        pixels += (OF_LOBE - 1.0) * glossy(outlook)
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
     return (1.0, pixels, drawn, float(look))
@@ -307,6 +313,8 @@ PASS = Pass(
     senses=senses,
     rests_on=HIT_SHADER,
     once=1,
+    doubt=3.0,  # what hits show is lit as the picture is, or mirrors in turn: two to five times in random scenes
+    did=lambda frame: frame[HIT_SHADER].looked_around,
     settle=settle,
     settles=left_open,
     own=OWN,

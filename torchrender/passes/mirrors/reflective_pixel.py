@@ -28,6 +28,10 @@ REFLECTIVE_SHARE = "reflective_share"
 """Quantity: share of the rendered pixels that mirror."""
 
 
+GLOSSY_SHARE = "glossy_share"
+"""Quantity: share of the rendered pixels that mirror more than one direction."""
+
+
 def reflectors_in_view(scene: Scene, cameras: Cameras) -> int:
     """Meshes that mirror whose bounding box meets the frustum of a camera."""
     if not len(scene.reflector_bounds):
@@ -69,14 +73,20 @@ def reflective(outlook: Outlook) -> float:
     return outlook.share(REFLECTIVE_SHARE) * outlook.pixels
 
 
+def glossy(outlook: Outlook) -> float:
+    """Those that mirror more than one direction, as far as that is known."""
+    return (outlook.share(GLOSSY_SHARE) if outlook.knows(GLOSSY_SHARE) else 0.0) * outlook.pixels
+
+
 def run(frame: Frame) -> ReflectivePixels:
     """The reflective pixels of the G-buffer."""
     return reflective_pixels(frame.scene, frame[GBUFFER])
 
 
 def found(frame: Frame) -> Mapping[str, float]:
-    """The share that mirrors."""
-    return {REFLECTIVE_SHARE: len(frame[REFLECTIVE_PIXEL]) / max(frame[GBUFFER].material.numel(), 1)}
+    """The share that mirrors, and that of glossy ones."""
+    pixels, count = frame[REFLECTIVE_PIXEL], max(frame[GBUFFER].material.numel(), 1)
+    return {REFLECTIVE_SHARE: len(pixels) / count, GLOSSY_SHARE: int((pixels.gloss > 0).sum()) / count}
 
 
 def amounts(outlook: Outlook) -> Amounts:
