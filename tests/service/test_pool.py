@@ -181,7 +181,7 @@ def test_views_at_rest_are_warmed_up_behind_ready(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(RendererProcess, "submit", submit)
     asyncio.run(pool._warm_renderer(pool._renderers[0]))
-    assert done == [(("moving",), False), (("still",), True)]
+    assert done == [(("moving",), False), (("still", "carried"), True)]
 
 
 def test_who_looks_at_uploads_starts_when_no_picture_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
