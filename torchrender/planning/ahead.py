@@ -136,13 +136,14 @@ def _begun(knowledge: Knowledge, kept: RenderHistory, budget_ms: float) -> Hunt:
     """A search for a picture like the last one, after it."""
     outlook, pace = knowledge.outlook, replace(kept.pace or Pace(), hunt=None)
     kept = replace(kept, pace=pace)  # a search keeps none that was before it
-    assert kept.given is not None
+    scene = kept.given
+    assert scene is not None
     cameras, before = outlook.cameras, outlook.history.seen_from
     if before is None or not torch.equal(before.camera_from_world, cameras.camera_from_world):
-        cameras = _moved_on(cameras, STEP * kept.given.diagonal)  # what follows the eye is made anew
+        cameras = _moved_on(cameras, STEP * scene.diagonal)  # what follows the eye is made anew
     if outlook.history.moves:
         kept = _outdated(kept)
-    known = Knowledge.of(kept.given, cameras, outlook.options, kept, knowledge.curves)
+    known = Knowledge.of(scene, cameras, outlook.options, kept, knowledge.curves)
     options = settled(known, known.outlook.options, frozenset())
     question = Question.about(known, options, near=True, careful=True)
     spent_ms = sum(pace.beside(False).values()) + pace.known.get(UNPRICED, 0.0)

@@ -151,9 +151,9 @@ def find_windows(chunk, count, frame, bounds):
     codes, numbers = chunk.codes, chunk.found
     corners_a, corners_b, corners_c, bits = chunk.middle[0], chunk.middle[1], chunk.middle[2], chunk.middle[3]
     m = np.uintp(0)
-    for n in range(np.uintp(count)):
-        numbers[m] = n
-        m += np.uintp(codes[n] == MIDDLE)
+    for i in range(np.uintp(count)):
+        numbers[m] = i
+        m += np.uintp(codes[i] == MIDDLE)
     for k in range(m):
         n = np.uintp(numbers[k])
         corners_a[k], corners_b[k], corners_c[k] = chunk.a[n], chunk.b[n], chunk.c[n]
