@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 import torch
 
 from torchrender import RenderOptions, render
@@ -11,7 +12,10 @@ from torchrender.passes.light.light_reach import LIGHT_REACH
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.renderer import make_buffers
 from torchrender.scene.camera import Cameras
-from torchrender.scene.light import PointLight, RectLight, SpotLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.material import Material
+from torchrender.scene.mesh import Mesh
+from torchrender.scene.model import Scene
 from torchrender.scene.procedural import build
 
 SCENE = build("cornell_box")
@@ -70,3 +74,23 @@ def test_a_light_that_comes_into_view_gets_its_shadows() -> None:
     camera = SCENE.camera(width=48, height=48)
     second = render(scene, camera, history=first.history)
     assert torch.equal(second.radiance, render(scene, camera).radiance)
+
+
+@pytest.mark.parametrize("dark", [
+    PointLight(position=torch.tensor([0.0, 2, 0]), intensity=torch.zeros(3)),
+    SpotLight(position=torch.tensor([0.0, 2, 0]), direction=torch.tensor([0.0, -1, 0]), intensity=torch.zeros(3)),
+    DirectionalLight(direction=torch.tensor([0.3, -1, -0.4]), irradiance=torch.zeros(3)),
+    RectLight(corner=torch.tensor([-0.5, 2, 0]), edge_u=torch.tensor([1.0, 0, 0]), edge_v=torch.tensor([0.0, 0, 1]),
+              radiance=torch.zeros(3)),
+], ids=["point", "spot", "sun", "panel"])  # fmt: skip
+def test_lights_of_no_strength_are_none_also_in_mirrors(dark: Light) -> None:
+    """A dark sun has no map; among hits of rays it was taken for a small light with a place."""
+    lamp = PointLight(position=torch.tensor([1.0, 2, 1]), intensity=torch.full((3,), 10.0))
+    mirror, red = Material(metallic=1.0, roughness=0.02), Material(diffuse=torch.tensor([0.7, 0.2, 0.1]))
+    meshes = [Mesh.plane(4.0), Mesh.box(0.6, [0.0, 0.3, 0.0], material=1)]
+    view = Cameras.look_at([1.5, 1.2, 2.0], [0.0, 0.2, 0.0], width=48, height=36)
+    scene = Scene(meshes=meshes, materials=[mirror, red], lights=[lamp], ambient=torch.full((3,), 0.2))
+    options = RenderOptions(reflections="traced")
+    wanted = render(scene, view, options=options).radiance
+    for lights in ([lamp, dark], [dark, lamp]):
+        torch.testing.assert_close(render(scene.replace(lights=lights), view, options=options).radiance, wanted)

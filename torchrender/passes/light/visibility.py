@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchrender.effects.shadows.light_reach import shines
 from torchrender.effects.shadows.small_lights import small_lights
 from torchrender.passes.light.light_reach import LIGHT_REACH
 from torchrender.pipeline.buffer import Buffer
@@ -22,10 +23,11 @@ SOFT_SHADOW: Buffer[dict[int, Tensor]] = Buffer("soft_shadow", dict)
 
 
 def lights_in_view(frame: Frame, *, area: bool) -> dict[int, Light]:
-    """The lights with or without an area that reach what is seen, by their number; of all where that is not known."""
-    reach = frame.get(LIGHT_REACH)
-    known = [True] * len(frame.scene.lights) if reach is None else reach.any.tolist()
-    return {n: x for n, x in enumerate(frame.scene.lights) if known[n] and isinstance(x, RectLight) == area}
+    """The lights with or without an area that reach what is seen, by their number; all that shine where that is not
+    known."""
+    reach, lights = frame.get(LIGHT_REACH), frame.scene.lights
+    known = [shines(light) for light in lights] if reach is None else reach.any.tolist()
+    return {n: x for n, x in enumerate(lights) if known[n] and isinstance(x, RectLight) == area}
 
 
 def lights_by_rays(frame: Frame) -> set[int]:
