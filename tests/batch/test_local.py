@@ -17,12 +17,20 @@ import torch
 
 from torchrender.batch import Job, SceneSource, run
 from torchrender.batch.digest import scene_digest
-from torchrender.batch.folder import alone_in, open_folder
+from torchrender.batch.folder import alone_in, load_job, open_folder
 from torchrender.batch.job import MANIFEST
 from torchrender.batch.local import TRIES, BatchError
 from torchrender.batch.said import MOST_TOLD
 from torchrender.batch.work import ChunkMaker
-from torchrender.errors import ImageFileError, InputError, LightWarning, OptionError, RepairedWarning, SceneWarning
+from torchrender.errors import (
+    ImageFileError,
+    InputError,
+    LightWarning,
+    OptionError,
+    RepairedWarning,
+    SceneFileError,
+    SceneWarning,
+)
 from torchrender.raster import rasterize
 from torchrender.scene.cameras.path import built_in_path
 from torchrender.scene.load import load
@@ -180,6 +188,40 @@ def test_results_do_not_overwrite_what_the_folder_needs() -> None:
         job(1, what="depth", names=("Cameras",))
     assert job(1, names=("cameras",)).format == "png"
     assert job(1, what="depth", shards=True, names=("cameras",)).shards
+
+
+@pytest.mark.parametrize("name", ["a\tb", "a\rb", "a ", "a.", "CON", "nul.txt", "com1", "\ud800", ".a", "a/b", ""])
+def test_names_that_no_file_has_everywhere(name: str) -> None:
+    with pytest.raises(InputError, match="no plain file name"):
+        job(1, names=(name,))
+
+
+def test_damaged_lines_of_a_manifest_are_chunks_that_are_made_again(tmp_path: Path) -> None:
+    asked = job(5, chunk=1)
+    assert open_folder(tmp_path, asked, "digest") == {}
+    lines = [json.dumps(ChunkMaker(SCENE, asked, tmp_path).make(chunk)) for chunk in range(4)]
+    damaged = [lines[0], lines[1][:20] + lines[2], '{"a": 1}', "[1]", '{"chunk": 1}', "", lines[3]]
+    (tmp_path / MANIFEST).write_text("\n".join(damaged) + '\n{"chunk": 4, "fi')
+    (tmp_path / "cameras.npz").write_bytes(b"PK")
+    assert sorted(open_folder(tmp_path, asked, "digest")) == [0, 3]
+    assert (tmp_path / MANIFEST).read_text() == f"{lines[0]}\n{lines[3]}\n"
+    again, digest = load_job(tmp_path)
+    assert again.key() == asked.key() and digest == "digest"
+
+
+@pytest.mark.parametrize(("file", "text", "told"), [
+    ("job.json", "[1]", "job.json.*must hold a table"),
+    ("job.json", '{"key": 1}', "job.json.*is damaged"),
+    ("cameras.npz", "PK", "cameras.npz.*cannot be read"),
+    ("cameras.npz", None, "cameras.npz.*cannot be read"),
+])  # fmt: skip
+def test_damaged_folders_are_named(tmp_path: Path, file: str, text: str | None, told: str) -> None:
+    open_folder(tmp_path, job(), "digest")
+    (tmp_path / file).unlink()
+    if text is not None:
+        (tmp_path / file).write_text(text)
+    with pytest.raises(SceneFileError, match=told):
+        load_job(tmp_path)
 
 
 def test_names_of_shards_are_those_of_samples(tmp_path: Path) -> None:

@@ -174,7 +174,9 @@ def _rows(path: Path, text: str) -> tuple[list[Any], dict[str, Any]]:
 
 def _name(row: Mapping[str, Any], number: int) -> str:
     if "name" in row:
-        name = str(row["name"])
+        name = row["name"]
+        if not isinstance(name, str):
+            raise InputError(f"name must be text, got {name!r}")
     elif "file_path" in row:
         name = PurePosixPath(str(row["file_path"]).replace("\\", "/")).stem
     else:

@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import json
 import os
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
         raise ImageFileError(folder, error.strerror or str(error)) from error
     known = _described(folder)
     if known is None:
-        write_atomically(folder / CAMERAS, lambda path: _save_cameras(path, job.cameras))
+        _write_cameras(folder, job.cameras)
         text = json.dumps({"key": job.key(), "scene_digest": scene, **job.described()}, indent=1) + "\n"
         write_bytes(folder / JOB, text.encode())
         (folder / MANIFEST).unlink(missing_ok=True)
@@ -83,22 +84,37 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
         raise InputError(f"{folder} holds a batch with other {', '.join(different)}: give another folder")
     if known.get("scene_digest") != scene:
         raise InputError(f"{job.scene.path_or_name} has changed since the batch in {folder} began: give another folder")
+    _write_cameras(folder, job.cameras)  # whole, whatever happened to the file
     return {chunk: record for chunk, record in _manifest(folder).items() if _is_there(folder, record)}
 
 
 def load_job(folder: Path) -> tuple[Job, str]:
-    """The job of a folder, and the digest of its scene."""
+    """The job of a folder, and the digest of its scene.
+
+    Raises:
+        SceneFileError: a file of the folder is missing or damaged.
+    """
     known = _described(folder)
     if known is None:
         raise SceneFileError(folder / JOB, "no such file")
-    with np.load(folder / CAMERAS) as arrays:
-        width, height = (int(v) for v in arrays["image_size"])
-        tensors = {n: torch.from_numpy(arrays[n]) for n in ("camera_from_world", "intrinsics", "near", "far")}
-        cameras = Cameras(**tensors, width=width, height=height, orthographic=bool(arrays["orthographic"]))
-    same = {name: known[name] for name in ("what", "format", "shards", "wishes", "chunk")}
-    source = SceneSource(known["scene"]["path_or_name"], known["scene"]["choices"])
-    job = Job(source, cameras, tuple(known["names"]), outputs=tuple(known["outputs"]), **same)
-    return job, str(known["scene_digest"])
+    cameras = _read_cameras(folder / CAMERAS)
+    try:
+        same = {name: known[name] for name in ("what", "format", "shards", "wishes", "chunk")}
+        source = SceneSource(known["scene"]["path_or_name"], known["scene"]["choices"])
+        job = Job(source, cameras, tuple(known["names"]), outputs=tuple(known["outputs"]), **same)
+        return job, str(known["scene_digest"])
+    except (LookupError, TypeError, ValueError) as error:
+        raise SceneFileError(folder / JOB, f"is damaged ({error!r})") from error
+
+
+def _read_cameras(path: Path) -> Cameras:
+    try:
+        with np.load(path) as arrays:
+            width, height = (int(v) for v in arrays["image_size"])
+            tensors = {n: torch.from_numpy(arrays[n]) for n in ("camera_from_world", "intrinsics", "near", "far")}
+            return Cameras(**tensors, width=width, height=height, orthographic=bool(arrays["orthographic"]))
+    except (OSError, EOFError, LookupError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise SceneFileError(path, f"cannot be read ({error})") from error
 
 
 def note(folder: Path, record: dict[str, Any]) -> None:
@@ -125,25 +141,39 @@ def _digest(file: Any) -> Any:
 
 def _described(folder: Path) -> dict[str, Any] | None:
     try:
-        return dict(json.loads((folder / JOB).read_text()))
+        known = json.loads((folder / JOB).read_text())
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
         raise SceneFileError(folder / JOB, f"cannot be read ({error})") from error
+    if not isinstance(known, dict):
+        raise SceneFileError(folder / JOB, "must hold a table")
+    return known
 
 
 def _manifest(folder: Path) -> dict[int, dict[str, Any]]:
-    """Records by chunk. A line that a stopped process left unfinished counts as not there, and is cut off."""
+    """Records by chunk. Lines that hold none, of a stopped process or a full disk, count as not there and are left out
+    of the file: their chunks are made again."""
     path = folder / MANIFEST
     try:
         text = path.read_bytes()
     except FileNotFoundError:
         return {}
-    whole = text[: text.rfind(b"\n") + 1]
-    if len(whole) < len(text):
-        with path.open("r+b") as file:
-            file.truncate(len(whole))
-    return {record["chunk"]: record for record in map(json.loads, whole.splitlines())}
+    lines = text.split(b"\n")
+    found = {line: _record(line) for line in lines[:-1]}  # after the last end of a line is what was not finished
+    whole = b"".join(line + b"\n" for line, record in found.items() if record is not None)
+    if whole != text:
+        write_bytes(path, whole)
+    return {record["chunk"]: record for record in found.values() if record is not None}
+
+
+def _record(line: bytes) -> dict[str, Any] | None:
+    try:
+        record = json.loads(line)
+        whole = all(isinstance(one["file"], str) and isinstance(one["bytes"], int) for one in record["files"])
+        return record if whole and isinstance(record["chunk"], int) else None
+    except (LookupError, TypeError, ValueError):
+        return None
 
 
 def _is_there(folder: Path, record: dict[str, Any]) -> bool:
@@ -155,6 +185,10 @@ def _size(path: Path) -> int:
         return path.stat().st_size
     except OSError:
         return -1
+
+
+def _write_cameras(folder: Path, cameras: Cameras) -> None:
+    write_atomically(folder / CAMERAS, lambda path: _save_cameras(path, cameras))
 
 
 def _save_cameras(path: Path, cameras: Cameras) -> None:

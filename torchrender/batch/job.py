@@ -28,7 +28,9 @@ JOB, CAMERAS, MANIFEST = "job.json", "cameras.npz", "manifest.jsonl"
 """Files of a batch's folder beside its results."""
 LONGEST = 200
 """Bytes of a name: file systems take 255, endings and temporary names included."""
-FORBIDDEN = '/\\:*?"<>|\0\n'
+FORBIDDEN = '/\\:*?"<>|'
+DEVICES = ("CON", "PRN", "AUX", "NUL", *(f"{kind}{number}" for kind in ("COM", "LPT") for number in range(1, 10)))
+"""Of Windows: no file there can be called so."""
 CHUNK = 32
 """Cameras that one process makes in a row, and that one shard or one part of a film holds."""
 
@@ -166,9 +168,12 @@ def options_of(wishes: Mapping[str, Any]) -> RenderOptions:
 
 def plain_name(name: str) -> bool:
     """Whether a file can be called so everywhere."""
-    if not name or name.startswith(".") or any(c in name for c in FORBIDDEN):
+    if not name or name[0] == "." or name[-1] in ". " or any(c in FORBIDDEN or c < " " for c in name):
         return False
-    return len(name.encode(errors="surrogatepass")) <= LONGEST
+    try:
+        return len(name.encode()) <= LONGEST and name.partition(".")[0].upper() not in DEVICES
+    except UnicodeEncodeError:  # half a character
+        return False
 
 
 def _undotted(names: tuple[str, ...]) -> tuple[str, ...]:
