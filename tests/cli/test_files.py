@@ -190,7 +190,7 @@ def test_shares_of_long_steps_are_shown_to_who_watches(monkeypatch: pytest.Monke
         ("style", "nothing.glb", "--photo", "nothing.png", "-o", "taken.glb"),
         ("style", "nothing.glb", "--photo", "nothing.png", "-o", "a.glb", "--sheet", "taken.png"),
         ("style", "nothing.glb", "--photo", "nothing.png", "--no-sheet", "-o", "taken.toml"),
-        ("style", "nothing.glb", "--photo", "nothing.png", "--no-sheet", "-o", f"{250 * 'n'}.toml"),
+        ("style", "nothing.glb", "--photo", "nothing.png", "--no-sheet", "-o", f"{260 * 'n'}.toml"),
         ("batch", "nothing.glb", "--orbit", "2", "-o", "file/out"),
         ("batch", "nothing.glb", "--orbit", "2", "-o", "file"),
         ("batch", "nothing.glb", "--orbit", "2", "--what", "film", "-o", "films"),

@@ -75,7 +75,7 @@ FAULTS: tuple[Fault, ...] = (
     *faults("planner", P + "planning/ahead.py", "tests/planning",
         ("while all_of_it or clock.elapsed_ms", "while True or clock.elapsed_ms"),
         ("all_of_it = kept.pictures < 2 or (took_ms", "all_of_it = False and (took_ms"),
-        ("cameras = _moved_on(cameras, STEP * kept.given.diagonal)", "pass"),
+        ("cameras = _moved_on(cameras, STEP * scene.diagonal)", "pass"),
         ("return hunt.budget_ms == budget_ms and same and", "return same and"),
         ("best_of(pool, 1, QUICKER * self.limit_ms)", "best_of(pool, 1, 2.0 * self.limit_ms)"),
         ("sum(pace.beside(False).values()) + pace.known.get(UNPRICED, 0.0)", "0.0"),
