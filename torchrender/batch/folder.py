@@ -188,9 +188,10 @@ def _size(path: Path) -> int:
 
 
 def _write_cameras(folder: Path, cameras: Cameras) -> None:
-    write_atomically(folder / CAMERAS, lambda path: _save_cameras(path, cameras))
+    arrays = {name: value.numpy() for name, value in camera_arrays(cameras).items()}
 
+    def write(path: Path) -> None:
+        with path.open("wb") as file:
+            np.savez(file, **arrays)  # type: ignore[arg-type]
 
-def _save_cameras(path: Path, cameras: Cameras) -> None:
-    with path.open("wb") as file:
-        np.savez(file, **{name: value.numpy() for name, value in camera_arrays(cameras).items()})  # type: ignore[arg-type]
+    write_atomically(folder / CAMERAS, write)

@@ -206,8 +206,6 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     Raises:
         ImageFileError: the folder does not exist, or the file cannot be written.
     """
-    if not path.parent.is_dir():
-        raise ImageFileError(path, f"folder {path.parent} does not exist")
     temporary = _temporary(path)
     try:
         write(temporary)
@@ -226,8 +224,6 @@ def check_writable(path: Path) -> None:
     Raises:
         ImageFileError: the folder does not exist or takes no file of that name, or a folder stands in its place.
     """
-    if not path.parent.is_dir():
-        raise ImageFileError(path, f"folder {path.parent} does not exist")
     temporary = _temporary(path)
     try:
         if path.is_dir():  # an error where the name is too long
@@ -239,7 +235,13 @@ def check_writable(path: Path) -> None:
 
 
 def _temporary(path: Path) -> Path:
-    """A name beside a file, for what becomes that file: short, so that any name of a file has room for it."""
+    """A name beside a file, for what becomes that file: short, so that any name of a file has room for it.
+
+    Raises:
+        ImageFileError: the folder does not exist.
+    """
+    if not path.parent.is_dir():
+        raise ImageFileError(path, f"folder {path.parent} does not exist")
     return path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
 
 
