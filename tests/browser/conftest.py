@@ -40,7 +40,7 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="package")
 def service(browser: Any) -> Iterator[Service]:
     del browser  # without one there is nothing to serve
-    server = Service()
+    server = Service(batch_niceness=2)  # the tests that run beside these leave nothing over
     server.start()
     yield server
     server.stop()

@@ -19,7 +19,17 @@ from torchrender_service.metrics import Metrics
 from torchrender_service.renderers import pool as pool_module
 from torchrender_service.renderers.asked import Asked
 from torchrender_service.renderers.contract import RendererPool
-from torchrender_service.renderers.jobs import Bounds, Forget, Job, Render, SceneSource, View, WarmUp
+from torchrender_service.renderers.jobs import (
+    Bounds,
+    DescribePhoto,
+    FogInPhoto,
+    Forget,
+    Job,
+    Render,
+    SceneSource,
+    View,
+    WarmUp,
+)
 from torchrender_service.renderers.places import PLACES, Standing, place_of
 from torchrender_service.renderers.pool import Pool
 from torchrender_service.renderers.processes import process as process_module
@@ -372,3 +382,33 @@ def test_renderers_never_learn_the_api_key(monkeypatch: pytest.MonkeyPatch, tmp_
             await pool.stop()
 
     asyncio.run(ask())
+
+
+def test_a_photo_waits_for_no_renderer_that_gets_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of large pictures has what others leave over: nothing, where other programs take all."""
+    monkeypatch.setattr(RendererProcess, "ready", True)  # jobs go to processes that are not there, and stay
+    monkeypatch.setattr(pool_module, "PHOTO_PATIENCE_S", 0.05)
+    photo = DescribePhoto(photo=b"", max_pixels=1)
+    full = FogInPhoto(photo=b"", marks=b"", format="png", max_pixels=1)
+
+    async def loads(*pauses: float, **settings: Any) -> list[list[int]]:
+        """Jobs of all renderers after each of these pauses; a photo begins before each of them, a full size one last."""
+        pool = make_pool(renderers=2, **settings)
+        handle, tasks, found = pool.assign(background=True), [], []
+        for pause in pauses:
+            tasks.append(asyncio.create_task(pool.run(photo, renderer=handle)))
+            await asyncio.sleep(pause)
+            found.append([renderer.load for renderer in pool._working])
+        tasks.append(asyncio.create_task(pool.run(full, renderer=handle)))
+        await asyncio.sleep(0.1)
+        found.append([renderer.load for renderer in pool._working])
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        return found
+
+    # The one that nobody began is still there to be told that nobody waits for it.
+    assert asyncio.run(loads(0.01, 0.1, 0.01)) == [[0, 0, 1], [0, 2, 1], [0, 3, 1], [0, 3, 2]]
+    monkeypatch.setattr(pool_module, "PHOTOS_AVOID_S", 0.0)
+    assert asyncio.run(loads(0.1, 0.01)) == [[0, 1, 1], [0, 1, 2], [0, 2, 2]]
+    assert asyncio.run(loads(0.1, batch_renderer=False)) == [[0, 1], [0, 2]], "there is none"

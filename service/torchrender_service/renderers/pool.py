@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,6 +38,11 @@ AGAIN_S = 1.0
 """Between two looks whether a picture is made."""
 AVOIDED_S = 1.0
 """So long no picture goes to the renderer of large ones any more after one waited there in vain."""
+PHOTO_PATIENCE_S = 8.0
+"""So long a photo that somebody waits for at a screen waits for the renderer of large pictures, which has only what
+others leave over: where other programs leave nothing, or it makes a large picture, another one takes the photo."""
+PHOTOS_AVOID_S = 60.0
+"""And so long photos go there at once then."""
 AT_REST_S = 5.0
 """A session that has asked for nothing for so long, connected or not, keeps no renderer for itself: what it asks for
 next comes before pictures all the same."""
@@ -82,6 +88,7 @@ class Pool:
         self._warm_aside: int | None = 0  # process that has made a first picture
         self._preparing: asyncio.Task[None] | None = None
         self._aside_from = 0.0  # time from which on pictures go to the renderer of large ones
+        self._photos_aside_from = 0.0  # the same of photos
         self._expecting = False
         self._closed = False
 
@@ -210,16 +217,35 @@ class Pool:
         if renderer is not None:
             handle = self._handle(renderer)
             handle.asked = time.monotonic()
+            if isinstance(job, PhotoJob):
+                return await self._photo(job, asked)
             self._expect_pictures()
             return await self._put(handle.process, job, asked)
         rank = asked.rank if asked is not None and asked.rank is not None else rank_of(job)
-        if rank is Rank.BATCH or isinstance(job, PhotoJob):
+        if isinstance(job, PhotoJob):
+            return await self._photo(job, asked)
+        if rank is Rank.BATCH:
             return await self._put(self._batch, job, asked)
         return await self._picture(job, asked or Asked())
 
+    async def _photo(self, job: Job, asked: Asked | None) -> dict[str, Any]:
+        """Work on a photo, which is nobody's stream: beside all else, unless that takes too long."""
+        if rank_of(job) is Rank.BATCH or self._batch in self._renderers:
+            return await self._put(self._batch, job, asked)
+        if time.monotonic() >= self._photos_aside_from:
+            with suppress(asyncio.TimeoutError):
+                return await asyncio.wait_for(self._put(self._batch, job, asked), PHOTO_PATIENCE_S)
+            self._photos_aside_from = time.monotonic() + PHOTOS_AVOID_S
+        return await self._put(self._last_own, job, asked)
+
+    @property
+    def _last_own(self) -> RendererProcess:
+        """Where there are several renderers, the first one is kept for streams."""
+        return min(self._renderers[1:] or self._renderers, key=lambda r: r.load)
+
     async def _picture(self, job: Job, asked: Asked) -> dict[str, Any]:
-        """A picture that somebody waits for. Where there are several renderers, the first one is kept for streams."""
-        own = min(self._renderers[1:] or self._renderers, key=lambda r: r.load)
+        """A picture that somebody waits for."""
+        own = self._last_own
         if is_small(job) and self.waiting:
             asked.threads = 1
         place = place_of(self._standing(job, own))

@@ -35,6 +35,14 @@ def test_carrying_takes_cores_from_rendering() -> None:
     assert more.keyframes_per_s == pytest.approx(2 / 0.08, rel=0.05), "renderers have cores of their own"
 
 
+def test_views_that_are_told_take_cores_without_a_keyframe() -> None:
+    load = Load(sessions=8, period_s=1 / 30, seconds=30.0)
+    served = simulate(Cluster(cores=2, renderers=2, render_s=0.08, spread=0.0, tell_s=0.004), load)
+    assert served.keyframes_per_s == pytest.approx((2 - 8 * 30 * 0.004) / 0.08, rel=0.05)
+    one = simulate(Cluster(render_s=0.1, spread=0.0, tell_s=0.02), Load(sessions=1, period_s=1.0, seconds=100.0))
+    assert one.cores_busy == pytest.approx(0.12 / 2, rel=0.03)
+
+
 def test_what_is_always_done_takes_its_share() -> None:
     load = Load(sessions=40, seconds=60.0)
     served = simulate(Cluster(cores=1, renderers=1, render_s=0.05, spread=0.0, always_s=0.25), load)

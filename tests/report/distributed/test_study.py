@@ -44,7 +44,16 @@ LEISURE = {
 }
 BUSY = {**LEISURE, "sessions": 8, "period_s": 0.02, "keyframes_per_s": 2 / 0.06, "latency_ms": [240.0, 260.0]}
 HALF = {**LEISURE, "sessions": 8, "period_s": 1.0, "keyframes_per_s": 8.0}
-SIDE = {"idle_cpu_s": 0.0, "health_ms": [1.0, 2.0], "memory_mb": 900.0, "leisure": LEISURE, "busy": BUSY, "half": HALF}
+STANDING = {**LEISURE, "sessions": 2, "period_s": 1 / 30, "other_cpu_s": 0.0}
+SIDE = {
+    "idle_cpu_s": 0.0,
+    "health_ms": [1.0, 2.0],
+    "memory_mb": 900.0,
+    "standing": STANDING,
+    "leisure": LEISURE,
+    "busy": BUSY,
+    "half": HALF,
+}
 STREAMS = {
     "server": SIDE,
     "replicas": {
@@ -98,6 +107,10 @@ def test_rows_say_what_was_met() -> None:
 def test_the_simulation_is_checked_against_what_was_measured() -> None:
     costs = costs_of(SIDE)
     assert costs == Costs(render_s=0.05, spread=0.1, carry_s=0.01)
+    told = {**SIDE, "idle_cpu_s": 0.012, "standing": {**STANDING, "other_cpu_s": 0.072}}
+    assert costs_of(told) == Costs(
+        render_s=0.05, spread=0.1, carry_s=pytest.approx(0.006), tell_s=pytest.approx(0.001), always_s=0.012
+    )
     assert predicted(costs, BUSY, 20.0).keyframes_per_s == pytest.approx(2 / 0.06, rel=0.05)
     assert marks(check_rows(STREAMS)) == [True, True]
     off = json.loads(json.dumps(STREAMS))

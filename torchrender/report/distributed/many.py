@@ -67,7 +67,7 @@ def ledger_s(sessions: int) -> dict[str, float]:
 def machine_record(costs: Costs, quick: bool) -> dict[str, Any]:
     """One machine with as many sessions as are planned for, and with half as many again."""
     cluster = Cluster(cores=CORES, renderers=CORES, **asdict(costs))
-    planned = max(1, int(ROOM * CORES / (VIEWS_PER_S * (costs.render_s + costs.carry_s))))
+    planned = max(1, int(ROOM * CORES / (VIEWS_PER_S * costs.view_s)))
     found = {}
     for name, sessions in (("planned", planned), ("half as many again", planned * 3 // 2)):
         load = Load(sessions=sessions, period_s=1.0 / VIEWS_PER_S, seconds=3.0 if quick else 15.0, settle_s=3.0)
@@ -78,7 +78,7 @@ def machine_record(costs: Costs, quick: bool) -> dict[str, Any]:
 def placing_record(costs: Costs, quick: bool) -> dict[str, Any]:
     """Renderers that keep eight scenes each, of a hundred: where sessions go."""
     cluster = Cluster(machines=2 if quick else 8, cores=4, renderers=4, load_s=2.0, scenes_kept=8, **asdict(costs))
-    each = max(1, int(0.5 * 4 / (VIEWS_PER_S * (costs.render_s + costs.carry_s))))
+    each = max(1, int(0.5 * 4 / (VIEWS_PER_S * costs.view_s)))
     found = {}
     for placing in ("random", "fewest", "ring"):
         load = Load(sessions=each * cluster.machines, scenes=100, placing=placing, seconds=3.0 if quick else 10.0)
@@ -96,7 +96,7 @@ def shares(record: dict[str, Any], sessions: int) -> dict[str, float]:
     """Of each part that so many sessions take, 1 is all of it; of machines and bytes how many."""
     costs = Costs(**record["costs"])
     views = sessions * VIEWS_PER_S
-    cores = views * (costs.render_s + costs.carry_s)
+    cores = views * costs.view_s
     machines = max(1, -(-cores // (ROOM * CORES)))
     known = sorted(record["ledger"], key=int)
     ledger = record["ledger"][next((n for n in known if int(n) >= sessions), known[-1])]
@@ -104,7 +104,7 @@ def shares(record: dict[str, Any], sessions: int) -> dict[str, float]:
     return {
         "machines": machines,
         "renderers": views * costs.render_s / (machines * CORES),
-        "a proxy": views / machines * costs.carry_s,
+        "a proxy": views / machines * (costs.tell_s + costs.carry_s),
         "the directory": replicas * (ledger["beat_s"] + CALL_S) + sessions / 600.0 * (ledger["stream_s"] + 5 * CALL_S),
         "network of a machine": views / machines * record["keyframe_bytes"] * 8 / 10e9,
         "gigabits_per_s": views * record["keyframe_bytes"] * 8 / 1e9,

@@ -21,24 +21,35 @@ class Costs:
 
     Args:
         render_s, spread: in a renderer with a core of its own.
-        carry_s: of a core, for all else.
+        carry_s: of a core, for its way to the client.
+        tell_s: of a core, for a view that a client tells, whether a keyframe is made of it or not.
         always_s: of a core, each second, with no client at all.
     """
 
     render_s: float
     spread: float
     carry_s: float
+    tell_s: float = 0.0
     always_s: float = 0.0
+
+    @property
+    def view_s(self) -> float:
+        """Of a core, for a view that a client tells and its keyframe."""
+        return self.tell_s + self.render_s + self.carry_s
 
 
 def costs_of(found: dict[str, Any]) -> Costs:
-    """From what the processes used while nobody was there, and while one client looked about."""
-    leisure, always = found["leisure"], found["idle_cpu_s"]
+    """From what the processes used while nobody was there, while clients told the same view again and again, and while
+    one client looked about."""
+    leisure, standing, always = found["leisure"], found["standing"], found["idle_cpu_s"]
     rate = leisure["keyframes_per_s"]
-    carry = max(0.0, leisure["other_cpu_s"] - always) / rate
+    tell = max(0.0, standing["other_cpu_s"] - always) * standing["period_s"] / standing["sessions"]
+    told = tell / leisure["period_s"]
+    carry = max(0.0, leisure["other_cpu_s"] - always - told) / rate
     mean, deviation = leisure["render_ms"]
     render = leisure["renderer_cpu_s"] / rate
-    return Costs(render_s=render, spread=min(1.0, deviation / mean) if mean else 0.0, carry_s=carry, always_s=always)
+    spread = min(1.0, deviation / mean) if mean else 0.0
+    return Costs(render_s=render, spread=spread, carry_s=carry, tell_s=tell, always_s=always)
 
 
 def predicted(costs: Costs, looked: dict[str, Any], seconds: float = 60.0) -> Served:
@@ -74,7 +85,7 @@ def prices(
     costs: Costs, *, keyframes_per_s: float, keyframe_bytes: float, pictures_per_core_s: float
 ) -> dict[str, float]:
     """US dollars: of an hour of a session, its share of cores and what it sends, and of 1,000 pictures of a batch."""
-    cores = keyframes_per_s * (costs.render_s + costs.carry_s)
+    cores = keyframes_per_s * costs.view_s
     sent = keyframes_per_s * keyframe_bytes * 3600.0 / 1e9
     return {
         "cores": cores,

@@ -1,9 +1,10 @@
 """A discrete-event simulation of many streams on many renderers, by SimPy: what waits for what, and how long.
 
-A client looks elsewhere at intervals; only its newest view counts, and one keyframe of it is made at a time. A keyframe
-waits for its renderer, which loads the scene first where it does not keep it, and for a core of its machine: renderers,
-and all that carries keyframes to clients, share the cores by turns. So queues, cold scenes and what carrying costs are
-in it; noise, memory and the network between machines are not.
+A client looks elsewhere at intervals, and each view it tells takes its time of a core, with or without a keyframe;
+only its newest view counts, and one keyframe of it is made at a time. A keyframe waits for its renderer, which loads
+the scene first where it does not keep it, and for a core of its machine: renderers, and all that carries views and
+keyframes, share the cores by turns. So queues, cold scenes and what carrying costs are in it; noise, memory and the
+network between machines are not.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class Cluster:
         render_s, spread: mean time of a keyframe in a renderer with a core of its own, and its standard deviation as a
             share of that; times are log-normal.
         carry_s: of a core, for a keyframe from the renderer to the client, whoever pays for it on that machine.
+        tell_s: of a core, for a view from the client to the service, also where a newer one comes before its keyframe.
         always_s: of a core, each second on each machine, whatever is asked.
         load_s: of a core, to read a scene and build its trees.
         scenes_kept: by each renderer.
@@ -50,6 +52,7 @@ class Cluster:
     render_s: float = 0.1
     spread: float = 0.2
     carry_s: float = 0.0
+    tell_s: float = 0.0
     always_s: float = 0.0
     load_s: float = 0.0
     scenes_kept: int = 8
@@ -57,8 +60,8 @@ class Cluster:
     def __post_init__(self) -> None:
         if min(self.machines, self.cores, self.renderers, self.scenes_kept) < 1:
             raise OptionError("machines, cores, renderers and scenes_kept must be >= 1")
-        if self.render_s <= 0.0 or min(self.spread, self.carry_s, self.always_s, self.load_s) < 0.0:
-            raise OptionError("render_s must be > 0, spread, carry_s, always_s and load_s >= 0")
+        if self.render_s <= 0.0 or min(self.spread, self.carry_s, self.tell_s, self.always_s, self.load_s) < 0.0:
+            raise OptionError("render_s must be > 0, spread, carry_s, tell_s, always_s and load_s >= 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,6 +152,8 @@ class _World:
         begin = self.chance.uniform(0.0, load.period_s)
         yield self.now.timeout(begin)
         number = 0
+        if self.cluster.tell_s:
+            self.now.process(self.tell(renderer))
         while True:
             looked_at = begin + number * load.period_s
             with renderer.turn.request() as request:
@@ -164,6 +169,14 @@ class _World:
                 continue
             number += 1
             yield self.now.timeout(begin + number * load.period_s - self.now.now)
+
+    def tell(self, renderer: _Renderer) -> Process:
+        """All views of a session: they come by the clock, and one after the other."""
+        begin, number = self.now.now, 0
+        while True:
+            yield from self.use(renderer.cores, self.cluster.tell_s)
+            number += 1
+            yield self.now.timeout(max(0.0, begin + number * self.load.period_s - self.now.now))
 
     def carry(self, renderer: _Renderer, looked_at: float) -> Process:
         yield from self.use(renderer.cores, self.cluster.carry_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from torchrender.report.distributed.reckoning import costs_of
 from torchrender_service.load_test.rows import Row
 
 
@@ -43,6 +44,12 @@ def _throughput(alone: dict[str, Any], found: dict[str, Any]) -> list[Row]:
             met=None,
         ),
         Row(
+            what="a view that a client tells, without a keyframe, all but renderers",
+            goal="",
+            measured=f"{_told_ms(found):.2f} ms of a core (one server: {_told_ms(alone):.2f} ms)",
+            met=None,
+        ),
+        Row(
             what="/health, nothing else to do, p50 (p99)",
             goal="≤ 2 ms",
             measured=f"{health[0]:.1f} ms ({health[1]:.1f}); one server: {alone['health_ms'][0]:.1f} ms",
@@ -53,6 +60,10 @@ def _throughput(alone: dict[str, Any], found: dict[str, Any]) -> list[Row]:
 
 def _cores(looked: dict[str, Any]) -> str:
     return f"{looked['renderer_cpu_s']:.2f} cores of renderers and {looked['other_cpu_s']:.2f} of all else"
+
+
+def _told_ms(found: dict[str, Any]) -> float:
+    return 1e3 * costs_of(found).tell_s
 
 
 def _pair(looked: dict[str, Any]) -> str:

@@ -41,6 +41,8 @@ LOOKED_AT = {"width": 640, "height": 360, "layers": 0}
 """Of one whose keyframes count: what the page asks for on a laptop."""
 POSES_S = 1.0 / POSES_PER_S
 """Between two poses of a client that wants all it can get."""
+STANDING = 2
+"""Clients that only tell their views: few enough that no process has all it can do."""
 NO_LIMITS = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
 SETTINGS = {
     **dict.fromkeys(NO_LIMITS, "100000"),
@@ -122,11 +124,12 @@ def ready(starting: Any) -> Iterator[Any]:
 
 
 async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any]:
-    """Health, one client at leisure, and as many as keep all busy."""
+    """Health, clients that tell the same view again and again, one at leisure, and as many as keep all busy."""
     answers = await asyncio.to_thread(health_s, server, effort.asked)
     before = cpu_s(server)[1]
     await asyncio.sleep(effort.seconds / 3)
     idle = (cpu_s(server)[1] - before) / (effort.seconds / 3)
+    standing = await looking(server, STANDING, effort.seconds / 3, period_s=POSES_S, reach=0.0)
     leisure = await looking(server, 1, effort.seconds / 2, period_s=0.25)
     busy = await looking(server, effort.clients, effort.seconds, period_s=POSES_S)
     half = await looking(server, effort.clients, effort.seconds, period_s=1.0)
@@ -134,6 +137,7 @@ async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any
         "health_ms": [1e3 * percentile(answers, share) for share in (0.5, 0.99)],
         "memory_mb": server.memory_mb(),
         "idle_cpu_s": idle,
+        "standing": standing,
         "leisure": leisure,
         "busy": busy,
         "half": half,
@@ -156,12 +160,21 @@ def health_s(server: ServerUnderTest, count: int) -> list[float]:
     return found[10:]
 
 
-async def looking(server: ServerUnderTest, count: int, seconds: float, *, period_s: float) -> dict[str, Any]:
-    """Clients that look to and fro: keyframes a second, their latency, and what was computed meanwhile."""
+async def looking(
+    server: ServerUnderTest, count: int, seconds: float, *, period_s: float, reach: float = 0.08
+) -> dict[str, Any]:
+    """Clients that look to and fro: keyframes a second, their latency, and what was computed meanwhile.
+
+    Args:
+        reach: to each side, in diagonals of the scene; 0: they tell the same view again and again, which needs no
+            keyframe.
+    """
     async with AsyncExitStack() as stack:
         clients = [await stack.enter_async_context(client(server, SCENE, **LOOKED_AT)) for _ in range(count)]
         looks = [
-            asyncio.create_task(c.look_around(period_s=period_s, begin_s=period_s * k / count, overtaken=False))
+            asyncio.create_task(
+                c.look_around(reach=reach, period_s=period_s, begin_s=period_s * k / count, overtaken=False)
+            )
             for k, c in enumerate(clients)
         ]
         await asyncio.sleep(max(1.0, seconds / 4))
@@ -181,7 +194,7 @@ async def looking(server: ServerUnderTest, count: int, seconds: float, *, period
         "sessions": count,
         "period_s": period_s,
         "keyframes_per_s": keyframes / took,
-        "latency_ms": [1e3 * percentile(times, share) for share in (0.5, 0.95)],
+        "latency_ms": [1e3 * percentile(times, share) for share in (0.5, 0.95)] if times else [0.0, 0.0],
         "render_ms": [statistics.fmean(rendered), statistics.pstdev(rendered)] if rendered else [0.0, 0.0],
         "keyframe_bytes": size / max(1, keyframes),
         "renderer_cpu_s": renderers / took,
