@@ -392,7 +392,7 @@ def test_a_photo_waits_for_no_renderer_that_gets_nothing(monkeypatch: pytest.Mon
     full = FogInPhoto(photo=b"", marks=b"", format="png", max_pixels=1)
 
     async def loads(*pauses: float, **settings: Any) -> list[list[int]]:
-        """Jobs of all renderers after each of these pauses; a photo begins before each of them, a full size one last."""
+        """Jobs of all renderers after each pause; a photo begins before each of them, one of full size last."""
         pool = make_pool(renderers=2, **settings)
         handle, tasks, found = pool.assign(background=True), [], []
         for pause in pauses:
