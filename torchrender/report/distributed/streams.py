@@ -124,15 +124,15 @@ def ready(starting: Any) -> Iterator[Any]:
 
 
 async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any]:
-    """Health, clients that tell the same view again and again, one at leisure, and as many as keep all busy."""
+    """Health, one client at leisure, as many as keep all busy, and some that tell the same view again and again."""
     answers = await asyncio.to_thread(health_s, server, effort.asked)
     before = cpu_s(server)[1]
     await asyncio.sleep(effort.seconds / 3)
     idle = (cpu_s(server)[1] - before) / (effort.seconds / 3)
-    standing = await looking(server, STANDING, effort.seconds / 3, period_s=POSES_S, reach=0.0)
     leisure = await looking(server, 1, effort.seconds / 2, period_s=0.25)
     busy = await looking(server, effort.clients, effort.seconds, period_s=POSES_S)
     half = await looking(server, effort.clients, effort.seconds, period_s=1.0)
+    standing = await looking(server, STANDING, effort.seconds / 2, period_s=POSES_S, reach=0.0)
     return {
         "health_ms": [1e3 * percentile(answers, share) for share in (0.5, 0.99)],
         "memory_mb": server.memory_mb(),
