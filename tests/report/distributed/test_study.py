@@ -51,6 +51,7 @@ SIDE = {
     "memory_mb": 900.0,
     "standing": STANDING,
     "leisure": LEISURE,
+    "alone": LEISURE,
     "busy": BUSY,
     "half": HALF,
 }

@@ -17,7 +17,7 @@ TOLERANCE = 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class Costs:
-    """Of one keyframe, from a run with one client at leisure.
+    """Of one keyframe, from a run with one client that wants all it can get: caches are warm, as where all are busy.
 
     Args:
         render_s, spread: in a renderer with a core of its own.
@@ -41,13 +41,13 @@ class Costs:
 def costs_of(found: dict[str, Any]) -> Costs:
     """From what the processes used while nobody was there, while clients told the same view again and again, and while
     one client looked about."""
-    leisure, standing, always = found["leisure"], found["standing"], found["idle_cpu_s"]
-    rate = leisure["keyframes_per_s"]
+    alone, standing, always = found["alone"], found["standing"], found["idle_cpu_s"]
+    rate = alone["keyframes_per_s"]
     tell = max(0.0, standing["other_cpu_s"] - always) * standing["period_s"] / standing["sessions"]
-    told = tell / leisure["period_s"]
-    carry = max(0.0, leisure["other_cpu_s"] - always - told) / rate
-    mean, deviation = leisure["render_ms"]
-    render = leisure["renderer_cpu_s"] / rate
+    told = tell / alone["period_s"]
+    carry = max(0.0, alone["other_cpu_s"] - always - told) / rate
+    mean, deviation = alone["render_ms"]
+    render = alone["renderer_cpu_s"] / rate
     spread = min(1.0, deviation / mean) if mean else 0.0
     return Costs(render_s=render, spread=spread, carry_s=carry, tell_s=tell, always_s=always)
 

@@ -41,8 +41,6 @@ LOOKED_AT = {"width": 640, "height": 360, "layers": 0}
 """Of one whose keyframes count: what the page asks for on a laptop."""
 POSES_S = 1.0 / POSES_PER_S
 """Between two poses of a client that wants all it can get."""
-STANDING = 2
-"""Clients that only tell their views: few enough that no process has all it can do."""
 NO_LIMITS = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
 SETTINGS = {
     **dict.fromkeys(NO_LIMITS, "100000"),
@@ -124,7 +122,8 @@ def ready(starting: Any) -> Iterator[Any]:
 
 
 async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any]:
-    """Health, one client at leisure, as many as keep all busy, and some that tell the same view again and again."""
+    """Health, one client at leisure, as many as keep all busy, one that wants all it can get, and as many that tell the
+    same view again and again."""
     answers = await asyncio.to_thread(health_s, server, effort.asked)
     before = cpu_s(server)[1]
     await asyncio.sleep(effort.seconds / 3)
@@ -132,11 +131,13 @@ async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any
     leisure = await looking(server, 1, effort.seconds / 2, period_s=0.25)
     busy = await looking(server, effort.clients, effort.seconds, period_s=POSES_S)
     half = await looking(server, effort.clients, effort.seconds, period_s=1.0)
-    standing = await looking(server, STANDING, effort.seconds / 2, period_s=POSES_S, reach=0.0)
+    alone = await looking(server, 1, effort.seconds / 2, period_s=POSES_S)
+    standing = await looking(server, effort.clients, effort.seconds / 2, period_s=POSES_S, reach=0.0)
     return {
         "health_ms": [1e3 * percentile(answers, share) for share in (0.5, 0.99)],
         "memory_mb": server.memory_mb(),
         "idle_cpu_s": idle,
+        "alone": alone,
         "standing": standing,
         "leisure": leisure,
         "busy": busy,
