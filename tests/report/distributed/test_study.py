@@ -93,12 +93,8 @@ def test_rows_say_what_was_met() -> None:
     assert marks(rows) == [True, True] and "1.60 and 2.00 cores busy" in rows[0].measured
     slower = {**workers, "2": {"rate": 2.0, "cores": 2.0}}
     assert marks(local_rows({"batch": {"workers": slower, "same": False}})) == [False, False]
-    pool = {"rate": 2.0, "first_s": 3.0}
-    assert marks(ray_rows({"ray-batch": {"pool": pool, "ray": {"rate": 1.7, "first_s": 21.0}, "same": True}})) == [
-        False,
-        False,
-        True,
-    ]
+    pool, late = {"rate": 2.0, "first_s": 3.0, "start_s": 1.0}, {"rate": 1.7, "first_s": 25.0, "start_s": 21.0}
+    assert marks(ray_rows({"ray-batch": {"pool": pool, "ray": late, "same": True}})) == [False, False, True]
     killed = {"worker": {"before": 3, "chunks": 12, "twice": 0, "same": True},
               "driver": {"before": 3, "chunks": 12, "twice": 1, "same": True}}  # fmt: skip
     lost = killed_rows({"killed": {"chunks": 12, "killed": killed}})
