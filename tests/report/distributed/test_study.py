@@ -21,7 +21,7 @@ from torchrender.errors import OptionError, TorchRenderError
 
 pytest.importorskip("simpy")
 
-from torchrender.report.distributed import cluster, streams, study
+from torchrender.report.distributed import cluster, study, watching
 from torchrender.report.distributed.batches import Clock, killed_rows, local_rows, ray_rows
 from torchrender.report.distributed.cluster import HAPROXY, HAPROXY_FILE, cpu_s, proxied
 from torchrender.report.distributed.reckoning import Costs, check_rows, costs_of, predicted, prices
@@ -170,9 +170,9 @@ def test_keyframes_are_counted_and_not_the_poses_that_they_answer(monkeypatch: p
 
     camera = Cameras.look_at([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], width=64, height=48, fov_deg=50.0)
     depth, radiance = torch.full((48, 64), 3.0), torch.full((48, 64, 3), 0.5)
-    monkeypatch.setattr(streams, "client", fake)
+    monkeypatch.setattr(watching, "client", fake)
     server: Any = SimpleNamespace(pid=os.getpid())
-    found = asyncio.run(streams.looking(server, 2, 1.0, period_s=0.02))
+    found = asyncio.run(watching.looking(server, 2, 1.0, period_s=0.02))
     assert 6.0 <= found["keyframes_per_s"] <= 11.0, "two clients, a keyframe each .2 s, and 50 poses a second each"
     assert found["render_ms"] == [40.0, 0.0]
 

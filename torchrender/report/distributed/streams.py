@@ -7,12 +7,10 @@ import asyncio
 import json
 import os
 import signal
-import statistics
 import time
 from collections.abc import Iterator
 from contextlib import AsyncExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from http.client import HTTPConnection
 from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
@@ -21,7 +19,8 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from torchrender.errors import TorchRenderError
-from torchrender.report.distributed.cluster import RayUnderTest, command_line, descendants, running_on_ray
+from torchrender.report.distributed.cluster import RayUnderTest, running_on_ray
+from torchrender.report.distributed.watching import SCENE, cpu_s, health_s, looking
 from torchrender.wire.messages import SUBPROTOCOL, Bye, Keyframe, decode
 from torchrender_service.load_test.driver import (
     MAX_BYTES,
@@ -34,11 +33,8 @@ from torchrender_service.load_test.driver import (
     running_server,
 )
 
-SCENE = "cornell_box"
 VIEW = {"width": 160, "height": 90, "layers": 0}
 """Of a stream where only its coming and going counts."""
-LOOKED_AT = {"width": 640, "height": 360, "layers": 0}
-"""Of one whose keyframes count: what the page asks for on a laptop."""
 POSES_S = 1.0 / POSES_PER_S
 """Between two poses of a client that wants all it can get."""
 NO_LIMITS = ("max_sessions", "max_sessions_per_address", "requests_per_s", "connections_per_s")
@@ -54,7 +50,6 @@ SETTINGS = {
     "max_requests_per_address": "512",
 }
 READY_S = 120.0
-TICKS = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,79 +138,6 @@ async def served(server: ServerUnderTest, effort: StreamEffort) -> dict[str, Any
         "busy": busy,
         "half": half,
     }
-
-
-def health_s(server: ServerUnderTest, count: int) -> list[float]:
-    """Seconds of answers, one after the other over one connection."""
-    found = []
-    asking = HTTPConnection(server.host, server.port, timeout=30.0)
-    for _ in range(count + 10):
-        begin = time.perf_counter()
-        asking.request("GET", "/health")
-        with asking.getresponse() as response:
-            response.read()
-        found.append(time.perf_counter() - begin)
-        if response.status != 200:
-            raise TorchRenderError(f"/health answers {response.status}")
-    asking.close()
-    return found[10:]
-
-
-async def looking(
-    server: ServerUnderTest, count: int, seconds: float, *, period_s: float, reach: float = 0.08
-) -> dict[str, Any]:
-    """Clients that look to and fro: keyframes a second, their latency, and what was computed meanwhile.
-
-    Args:
-        reach: to each side, in diagonals of the scene; 0: they tell the same view again and again, which needs no
-            keyframe.
-    """
-    async with AsyncExitStack() as stack:
-        clients = [await stack.enter_async_context(client(server, SCENE, **LOOKED_AT)) for _ in range(count)]
-        looks = [
-            asyncio.create_task(
-                c.look_around(reach=reach, period_s=period_s, begin_s=period_s * k / count, overtaken=False)
-            )
-            for k, c in enumerate(clients)
-        ]
-        await asyncio.sleep(max(1.0, seconds / 4))
-        before, made = [len(c.latencies_s) for c in clients], [c.received for c in clients]
-        spent, size = cpu_s(server), sum(c.bytes for c in clients)
-        begin = time.perf_counter()
-        await asyncio.sleep(seconds)
-        took = time.perf_counter() - begin
-        renderers, rest = (b - a for a, b in zip(spent, cpu_s(server), strict=True))
-        size, keyframes = sum(c.bytes for c in clients) - size, sum(c.received for c in clients) - sum(made)
-        for look in looks:
-            look.cancel()
-        await asyncio.gather(*looks, return_exceptions=True)
-    times = [t for c, n in zip(clients, before, strict=True) for t in c.latencies_s[n:]]
-    rendered = [ms for c, n in zip(clients, made, strict=True) for ms in c.render_ms[n:]]
-    return {
-        "sessions": count,
-        "period_s": period_s,
-        "keyframes_per_s": keyframes / took,
-        "latency_ms": [1e3 * percentile(times, share) for share in (0.5, 0.95)] if times else [0.0, 0.0],
-        "render_ms": [statistics.fmean(rendered), statistics.pstdev(rendered)] if rendered else [0.0, 0.0],
-        "keyframe_bytes": size / max(1, keyframes),
-        "renderer_cpu_s": renderers / took,
-        "other_cpu_s": rest / took,
-    }
-
-
-def cpu_s(server: ServerUnderTest) -> tuple[float, float]:
-    """Seconds of a core that renderers have used so far, and all else: servers, proxies, and this process."""
-    renderers = rest = 0.0
-    for pid in {*descendants(server.pid), os.getpid()}:
-        try:
-            with open(f"/proc/{pid}/stat") as file:
-                fields = file.read().rpartition(")")[2].split()
-        except OSError:
-            continue
-        used = (int(fields[11]) + int(fields[12])) / TICKS
-        renders = "renderers.worker" in command_line(pid)
-        renderers, rest = (renderers + used, rest) if renders else (renderers, rest + used)
-    return renderers, rest
 
 
 async def opened(server: RayUnderTest, effort: StreamEffort) -> dict[str, Any]:
