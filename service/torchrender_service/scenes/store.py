@@ -181,11 +181,7 @@ class SceneStore:
         return {"id": scene, "built_in": True, "kind": "procedural", "bytes": 0} | built_in_facts()[scene]
 
     async def prepare(self, scene: str) -> None:
-        """Have a renderer load a scene, so that the first client that looks at it need not wait.
-
-        Raises:
-            ServiceError: 404, or what the renderer says.
-        """
+        """Have a renderer load a scene: the first client that looks at it need not wait. ServiceError: as it says."""
         await self._pool.run(Describe(scene=self.source(scene)))
 
     def put_live(self, scene: str, facts: dict[str, Any]) -> None:
