@@ -19,7 +19,7 @@ from torchrender.batch import Job, SceneSource, run
 from torchrender.batch.digest import scene_digest
 from torchrender.batch.folder import alone_in, load_job, open_folder
 from torchrender.batch.job import MANIFEST
-from torchrender.batch.local import TRIES, BatchError
+from torchrender.batch.local import TRIES, BatchError, _environment
 from torchrender.batch.said import MOST_TOLD
 from torchrender.batch.work import ChunkMaker
 from torchrender.errors import (
@@ -80,6 +80,32 @@ def test_workers_write_what_one_process_does_and_go_on_where_they_were(tmp_path:
     assert run(asked, tmp_path / "out", workers=2).made == 0
 
 
+def test_light_of_a_sky_is_the_same_for_any_number_of_threads(tmp_path: Path) -> None:
+    import torchrender as tr
+
+    satin = tr.Material(name="satin", diffuse=[0.5] * 3, metallic=0.0, roughness=0.6)
+    box = tr.Scene(
+        meshes=[tr.Mesh.sphere(1.0), tr.Mesh.plane(4.0)], materials=[satin]
+    )  # lit as every scene without light
+    tr.write_scene(tmp_path / "box.glb", box)
+    cameras = built_in_path(box, "orbit").cameras(2, width=48, height=32, near=0.01)
+    asked = Job(SceneSource(str(tmp_path / "box.glb")), cameras, chunk=1, format="exr")
+    files = {}
+    for count in (1, 2):
+        folder = tmp_path / str(count)
+        open_folder(folder, asked, scene_digest(asked.scene.load()))
+        subprocess.run(
+            [sys.executable, "-m", "torchrender.batch.worker", str(folder), str(count)],
+            input="0\n1\n",
+            text=True,
+            check=True,
+            env=_environment(count),
+            stdout=subprocess.DEVNULL,
+        )
+        files[count] = [file.read_bytes() for file in sorted(folder.glob("*.exr"))]
+    assert len(files[1]) == 2 and files[1] == files[2]
+
+
 def test_an_unfinished_manifest_and_lost_files_are_made_again(tmp_path: Path, fake) -> None:
     asked, here = job(), scene_digest(SCENE)
     assert open_folder(tmp_path, asked, here) == {}
@@ -103,6 +129,8 @@ def test_another_job_or_a_changed_scene_is_refused(tmp_path: Path) -> None:
         open_folder(tmp_path, Job(SOURCE, other, chunk=2), scene_digest(SCENE))
     with pytest.raises(InputError, match="city has changed since"):
         open_folder(tmp_path, job(), "another")
+    with pytest.raises(InputError, match="city has changed since"):
+        open_folder(tmp_path, Job(SOURCE, other, chunk=2), "another")  # an orbit about what the scene is now
     assert scene_digest(load("city", size=2000)) == scene_digest(SCENE) != scene_digest(load("city", size=3000))
 
 

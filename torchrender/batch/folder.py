@@ -81,7 +81,9 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
     if known.get("key") != job.key():
         mine = job.described()
         different = [name for name in mine if json.loads(json.dumps(mine[name])) != known.get(name)] or ["cameras"]
-        raise InputError(f"{folder} holds a batch with other {', '.join(different)}: give another folder")
+        # Cameras that are laid about the scene are others because it is another one.
+        if different != ["cameras"] or known.get("scene_digest") == scene:
+            raise InputError(f"{folder} holds a batch with other {', '.join(different)}: give another folder")
     if known.get("scene_digest") != scene:
         raise InputError(f"{job.scene.path_or_name} has changed since the batch in {folder} began: give another folder")
     _write_cameras(folder, job.cameras)  # whole, whatever happened to the file

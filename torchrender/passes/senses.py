@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from torchrender.numerics.color import srgb_from_linear
+from torchrender.numerics.texels.scaling import scaled_bilinearly
 from torchrender.numerics.tonemap import auto_exposure, tone_map
 from torchrender.pipeline.doubts import exposure_of
 from torchrender.pipeline.frame import Frame
@@ -48,7 +49,7 @@ def detail(frame: Frame, radiance: Tensor) -> tuple[float, float]:
     strips = torch.cat([radiance[:, at : at + rows, : width // 2 * 2] for at in starts]).detach()
     shown = display(frame, strips, radiance.detach()).permute(0, 3, 1, 2)
     half = torch.nn.functional.avg_pool2d(shown, 2)
-    again = torch.nn.functional.interpolate(half, size=shown.shape[2:], mode="bilinear", align_corners=False)
+    again = scaled_bilinearly(half, shown.shape[2:])
     slope = (shown[..., 1:] - shown[..., :-1]).abs().mean() + (shown[..., 1:, :] - shown[..., :-1, :]).abs().mean()
     scale = frame.options.supersample
     return float(slope) * scale, float((shown - again).abs().mean()) * scale

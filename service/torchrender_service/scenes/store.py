@@ -27,6 +27,7 @@ from torchrender.errors import OptionError
 from torchrender_service.errors import ServiceError
 from torchrender_service.renderers.contract import RendererPool
 from torchrender_service.renderers.jobs import Describe, Forget, SceneSource, Validate
+from torchrender_service.scenes.built_in import built_in_facts
 from torchrender_service.scenes.folder import KINDS, UNFINISHED, finish, read_facts
 from torchrender_service.scenes.storage import SharedStorage
 from torchrender_service.settings import Settings
@@ -67,7 +68,6 @@ class SceneStore:
         self._coming: dict[str, asyncio.Task[None]] = {}
         self._looked = -LOOK_S
         self._folder = Path(settings.data_dir) / "scenes"
-        self._built_in: dict[str, asyncio.Task[dict[str, Any]]] = {}
         self._uploads: dict[str, dict[str, Any]] = {}
         self._live: dict[str, dict[str, Any]] = {}  # scenes of a running program, which its renderer holds
         self._revisions: dict[str, int] = {}
@@ -166,10 +166,10 @@ class SceneStore:
             LOG.warning("scenes are listed as they were known: %s", error.detail)
 
     async def facts(self, scene: str) -> dict[str, Any]:
-        """What clients are told about a scene; a built-in one is built for this once.
+        """What clients are told about a scene. No renderer is asked.
 
         Raises:
-            ServiceError: 404, or what the renderer or the shared storage says.
+            ServiceError: 404, or what the shared storage says.
         """
         if scene in self._live:
             return self._live[scene]
@@ -178,11 +178,11 @@ class SceneStore:
         source = self.source(scene)
         if source.path is not None:
             return self._uploads[scene]
-        task = self._built_in.get(scene)
-        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
-            task = self._built_in[scene] = asyncio.create_task(self._pool.run(Describe(scene=source)))
-        facts = await asyncio.shield(task)
-        return {"id": scene, "built_in": True, "kind": "procedural", "bytes": 0} | facts
+        return {"id": scene, "built_in": True, "kind": "procedural", "bytes": 0} | built_in_facts()[scene]
+
+    async def prepare(self, scene: str) -> None:
+        """Have a renderer load a scene: the first client that looks at it need not wait. ServiceError: as it says."""
+        await self._pool.run(Describe(scene=self.source(scene)))
 
     def put_live(self, scene: str, facts: dict[str, Any]) -> None:
         """A scene of a running program is there, or has changed."""

@@ -127,11 +127,11 @@ class ServiceState:
                 self._told = error.detail
 
     async def _warm_up(self) -> None:
-        """Start every renderer and learn about the built-in scenes, so that the first client need not wait."""
+        """Start every renderer and have the built-in scenes loaded, so that the first client need not wait."""
         try:
             await self.pool.warm_up()
             for scene in self.settings.built_in:
-                await self.scenes.facts(scene)
+                await self.scenes.prepare(scene)
         except ServiceError as error:
             LOG.error("warm-up failed: %s", error.detail)
 

@@ -13,6 +13,7 @@ from torchrender.effects.upsampling.carried import LitPicture, carried_light
 from torchrender.effects.upsampling.gathered import GatheredLight
 from torchrender.effects.upsampling.joint import joint_upsampled
 from torchrender.effects.upsampling.outlines import smooth_outlines
+from torchrender.numerics.texels.scaling import scaled_bilinearly
 from torchrender.passes.contract import Amounts, Buffers, Pass
 from torchrender.passes.hard import VIEW, HardEffect, Law, Outputs, Subject
 from torchrender.passes.outlook import Outlook, Verdict
@@ -78,7 +79,7 @@ def resampled(radiance: Tensor, size: tuple[int, int], upscaling: str) -> Tensor
     elif upscaling == "nearest":
         planes = torch.nn.functional.interpolate(planes, size=size, mode="nearest-exact")
     else:
-        planes = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)
+        planes = scaled_bilinearly(planes, size)
     return planes.permute(0, 2, 3, 1).contiguous()
 
 

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from torchrender.kernels.sky.lobe import SkyTree, lobe_mean
+from torchrender.numerics.texels.scaling import scaled_bilinearly
 from torchrender.scene.sky.irradiance import latlong_directions, solid_angles
 from torchrender.scene.sky.octahedral import interpolate_nodes, node_directions
 
@@ -115,5 +116,5 @@ def _finer(level: Tensor, size: int) -> Tensor:
     if len(level) == size:
         return level
     planes = level.permute(2, 0, 1)[None]
-    between = torch.nn.functional.interpolate(planes, (size, size), mode="bilinear", align_corners=True)
+    between = scaled_bilinearly(planes, (size, size), align_corners=True)
     return between[0].permute(1, 2, 0).contiguous()

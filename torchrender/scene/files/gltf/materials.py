@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.numerics.texels.scaling import scaled_bilinearly
 from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.gltf.container import GltfFile, object_of
 from torchrender.scene.files.gltf.out.materials import PHONG
@@ -288,7 +289,7 @@ def resized(picture: Tensor, size: list[int]) -> Tensor:
     if list(picture.shape[:2]) == size:
         return picture
     planes = picture.permute(2, 0, 1)[None]
-    scaled = torch.nn.functional.interpolate(planes, size=size, mode="bilinear", align_corners=False)
+    scaled = scaled_bilinearly(planes, size)
     return scaled[0].permute(1, 2, 0).contiguous()
 
 

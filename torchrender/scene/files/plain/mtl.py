@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from torchrender.errors import InputError, SceneFileError
+from torchrender.numerics.texels.scaling import scaled_bilinearly
 from torchrender.numerics.texture import channels_of
 from torchrender.scene.files.plain.mtl_maps import (
     MapReader,
@@ -297,5 +298,5 @@ def _with_alpha(texture: Tensor | None, mask: Tensor) -> dict[str, Any]:
 def _scaled(picture: Tensor, size: tuple[int, int]) -> Tensor:
     if tuple(picture.shape[:2]) == size:
         return picture
-    planes = torch.nn.functional.interpolate(picture.permute(2, 0, 1)[None], size=size, mode="bilinear")
+    planes = scaled_bilinearly(picture.permute(2, 0, 1)[None], size)
     return planes[0].permute(1, 2, 0).contiguous()
