@@ -6,11 +6,12 @@ import pytest
 import torch
 
 from shadow_scenes import flat_image, floor, quad
-from torchrender.effects.shadows.traced import traced_visibility
+from torchrender.effects.shadows import traced
+from torchrender.effects.shadows.traced import traced_visibilities, traced_visibility
 from torchrender.errors import OptionError
 from torchrender.raster import rasterize
 from torchrender.rays import RayCaster
-from torchrender.scene.light import DirectionalLight, PointLight, RectLight
+from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.model import Scene
 
 # Two units above the floor, over all of x < 0.
@@ -57,3 +58,20 @@ def test_limits() -> None:
         traced_visibility(CASTER, sun, GBUFFER, samples=0)
     with pytest.raises(OptionError, match="offset"):
         traced_visibility(CASTER, sun, GBUFFER, offset=-1.0)
+
+
+def test_many_lights_at_once_are_what_each_of_them_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In parts, too, of which the last one is smaller; some are parallel, below the floor, or on it."""
+    down = torch.tensor([0.0, -1.0, 0.0])
+    places = torch.rand(30, 3, generator=torch.Generator().manual_seed(5)) * 8.0 - 3.0
+    lights: dict[int, Light] = {3 * n: PointLight(position=place) for n, place in enumerate(places)}
+    lights[1] = DirectionalLight(direction=torch.tensor([0.5, -1.0, 0.0]))
+    lights[2] = SpotLight(position=torch.tensor([1.0, 3.0, 0.0]), direction=down)
+    lights[4] = PointLight(position=GBUFFER.position[GBUFFER.covered][100])
+    alone = {n: traced_visibility(CASTER, light, GBUFFER) for n, light in lights.items()}
+    assert 0.1 < float(torch.stack(list(alone.values())).mean()) < 0.9
+    for at_once in (1, 4 * int(GBUFFER.covered.sum()), 1 << 30):
+        monkeypatch.setattr(traced, "_AT_ONCE", at_once)
+        found = traced_visibilities(CASTER, lights, GBUFFER)
+        assert found.keys() == alone.keys() and all(torch.equal(found[n], alone[n]) for n in lights)
+    assert traced_visibilities(CASTER, {}, GBUFFER) == {}

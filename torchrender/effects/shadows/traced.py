@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
@@ -13,6 +14,7 @@ from torchrender.effects.shadows.receivers import shadow_receivers
 from torchrender.rays import RayCaster
 from torchrender.scene.light import DirectionalLight, Light, RectLight, vectors_to
 
+_AT_ONCE = 1 << 17  # pairs of a light and a pixel
 _END = 1e-6  # rays end this share of their length before the light
 
 
@@ -56,9 +58,44 @@ def traced_visibility(
     return image
 
 
+def traced_visibilities(caster: RayCaster, lights: Mapping[int, Light], gbuffer: GBuffer) -> dict[int, Tensor]:
+    """Visibility (B,H,W) of each of these lights without area, as :func:`traced_visibility`.
+
+    However many they are: rays of several are cast at once.
+    """
+    covered = gbuffer.covered
+    points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
+    origins = points + normals * position_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))[:, None]
+    numbers, found = sorted(lights), {}
+    count = max(1, _AT_ONCE // max(1, len(points)))
+    for part in (numbers[at : at + count] for at in range(0, len(numbers), count)):
+        some = [lights[n] for n in part]
+        facing = (torch.stack([vectors_to(light, points) for light in some]) * normals).sum(-1) > 0
+        toward = torch.stack([vectors_to(light, origins) for light in some])
+        which, row = (facing & (toward != 0).any(-1)).nonzero().unbind(-1)  # on the light itself nothing lies between
+        rays = toward[which, row]
+        limit = torch.full((len(rays),), math.inf, dtype=torch.float64)
+        ends = torch.tensor([not isinstance(light, DirectionalLight) for light in some])[which]
+        coarse = torch.tensor([0.0 if isinstance(x, DirectionalLight) else _coarse(_place(x)) for x in some])
+        limit[ends] = _end(coarse.double()[which[ends]], rays[ends])
+        facing[which, row] = ~caster.occluded(origins[row], rays, t_max=limit)
+        images = torch.ones(len(part), *gbuffer.triangle.shape)
+        images[:, covered] = facing.float()
+        found |= dict(zip(part, images.unbind(0), strict=True))
+    return found
+
+
 def ray_end(place: Tensor, toward: Tensor) -> Tensor:
     """Where rays (N,3) to lights at ``place`` (...,3) stop, in their own lengths: 1 is the light itself."""
-    coarse = 4.0 * torch.finfo(place.dtype).eps * float(place.abs().max())
+    return _end(_coarse(place), toward)
+
+
+def _coarse(place: Tensor) -> float:
+    """Units by which a light's place may be rounded."""
+    return 4.0 * torch.finfo(place.dtype).eps * float(place.abs().max())
+
+
+def _end(coarse: Tensor | float, toward: Tensor) -> Tensor:
     return (1.0 - _END - coarse / toward.norm(dim=-1).clamp_min(1e-300)).clamp_min(0.0)
 
 

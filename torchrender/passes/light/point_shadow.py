@@ -9,7 +9,7 @@ from torch import Tensor
 from torchrender.effects.shadows.light_reach import light_reach
 from torchrender.effects.shadows.shadow_map import FILTERS, light_visibility, render_shadow_map
 from torchrender.effects.shadows.small_lights import FEWEST, small_light_visibility
-from torchrender.effects.shadows.traced import traced_visibility
+from torchrender.effects.shadows.traced import traced_visibilities, traced_visibility
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import (
     SMALL_SHADOW,
@@ -78,7 +78,7 @@ def run(frame: Frame) -> tuple[dict[int, Tensor], StandingLight]:
 def _visibility(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
     gbuffer = frame[GBUFFER]
     if frame.options.point_shadows == "traced":
-        return {n: traced_visibility(frame[RAY_CASTER], light, gbuffer) for n, light in lights.items()}
+        return traced_visibilities(frame[RAY_CASTER], lights, gbuffer)
     maps, options, small = frame[SHADOW_MAP], frame.options.shadow, lights_by_rays(frame)
     small |= {n for n in lights if maps[n] is None}
     mapped = {n: light for n, light in lights.items() if n not in small}
