@@ -217,6 +217,7 @@ class CameraPasses:
         eps: tuple[float, float],
         pixels: tuple[Tensor, ...] | None = None,
         worth: Array = ONE_EACH,
+        room: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """How many surfaces lie before those of a visibility buffer.
 
@@ -225,6 +226,7 @@ class CameraPasses:
             eps: relative and absolute distance (scene units) within which two surfaces are called touching.
             pixels: (N,) rows and columns: there alone.
             worth: (F,) int32 what each triangle counts, modulo 2^32; default: one.
+            room: (H,W) int32, all zero: the count is written there, and a view of it returned.
 
         Returns:
             count (1,H,W) int32 of nearer surfaces, of all surfaces where empty; touching (1,H,W) bool: the nearest of
@@ -232,9 +234,10 @@ class CameraPasses:
         """
         depth, where = seen.depth[0].numpy(), None if pixels is None else (pixels[0].numpy(), pixels[1].numpy())
         if where is not None:
-            every, depth = depth, np.zeros_like(depth)
+            every, depth = depth, np.zeros(depth.shape, np.float32)  # mapped where it is written to
             depth[where] = every[where]
-        found = Nearer(np.zeros(depth.shape, np.int32), np.zeros(depth.shape, np.bool_), worth)
+        number = np.zeros(depth.shape, np.int32) if room is None else room.numpy()
+        found = Nearer(number, np.zeros(depth.shape, np.bool_), worth)
         self._prepared.count(Stored(depth, seen.triangle[0].numpy()), np.array(eps), found, where)
         count, touching = torch.from_numpy(found.number), torch.from_numpy(found.touching)
         return (count[None], touching[None]) if pixels is None else (count[pixels], touching[pixels])

@@ -6,15 +6,27 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import prange
+from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 
 from torchrender.kernels.atomics import borrowed, fetch_add, keep
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import doubled_area, pixel_box
-from torchrender.kernels.raster.coverage import row_ends
+from torchrender.kernels.raster.coverage import NO_BITS, ROW, WINDOW, lanes_start, row_ends
 from torchrender.kernels.raster.fragments import is_hole
+from torchrender.kernels.raster.lanes.counted import count_lanes
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, barycentric_planes, greatest_key, key_plane
-from torchrender.kernels.raster.tiles import BLOCK_COLUMN_BITS, BLOCK_COLUMNS, BLOCK_ROW_BITS, BLOCKS, fetch
+from torchrender.kernels.raster.tiles import (
+    AHEAD,
+    BLOCK_COLUMN_BITS,
+    BLOCK_COLUMNS,
+    BLOCK_ROW_BITS,
+    BLOCKS,
+    fetch,
+    look_ahead,
+    look_at_place,
+)
 
 
 class Covered(NamedTuple):
@@ -75,23 +87,68 @@ def count_holed(t, keys, limits, spot, part, scene, holes, images):
 
 
 @kernel(inline=True)
+def count_span(t, plane, span, scene, holes, stored, limits, outputs):
+    """Add triangle ``t`` to some columns of a row of a tile.
+
+    ``span``: the row and the first and last column in the tile, and where the tile begins in the image and from its
+    centre.
+    """
+    kx, ky, kc, low, high = plane
+    y, begin, end, left, top, column, row = span
+    px, py = column + begin + 0.5, row + y + 0.5
+    base = kc + ky * py + kx * px
+    part = (left + begin, left + end + 1)
+    if holes.mask.shape[0] > 0 and holes.mask[t] >= 0:
+        spot = (top + y, part[0], part[1])
+        count_holed(t, (base, kx, low, high), limits, (px, py), spot, scene, holes, (stored, outputs))
+        return
+    start = lanes_start(begin, end)
+    if left + start + (end - start) // LANES * LANES + LANES > stored.depth.shape[1]:
+        count_row(t, (base, kx, low, high), limits, np.uintp(top + y), part, stored, outputs)
+        return
+    relative, absolute, far = limits
+    images = (stored.depth, stored.triangle, outputs.number, outputs.touching)
+    own = outputs.worth[t] if outputs.worth.shape[0] > 0 else np.int32(1)
+    for x in range(start, end + 1, LANES):
+        mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
+        spot = (np.uintp(top + y), np.uintp(left + x))
+        plane = (base, kx, np.float64(x - begin), low, high)
+        count_lanes(images, spot, mask, plane, (1.0 + relative, absolute, far), (t, own))
+
+
+@kernel(inline=True)
+def count_bits(window, spot, scene, frame, holes, stored, limits, outputs):
+    """Add a triangle to the pixels that it has in a window of a tile: ``window`` = its place in the order, and bits.
+
+    ``spot``: first column and row of the window in the tile, then as the end of what :func:`count_span` takes.
+    """
+    place, bits = window
+    t = np.int64(scene.order[place])
+    plane = key_plane(scene.points, scene.listed, place, frame)
+    x0, y, left, top, column, row = spot
+    while bits != NO_BITS:
+        here = bits & ROW
+        if here != NO_BITS:
+            begin = np.int64(trailing_zeros(here))
+            end = np.int64(63) - np.int64(leading_zeros(here))
+            span = (y, x0 + begin, x0 + end, left, top, column, row)
+            count_span(t, plane, span, scene, holes, stored, limits, outputs)
+        bits >>= np.uint64(WINDOW)
+        y += 1
+
+
+@kernel(inline=True)
 def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
     """Add the triangle at a place in the order to the pixels of a tile that it covers: :class:`Covered`."""
     x0, y0, y1, left, top, origin, first, last = pixels
     t = np.int64(scene.order[place])
-    kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
-    holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
+    plane = key_plane(scene.points, scene.listed, place, frame)
     for y in range(y0, y1 + 1):
         begin, end = x0 + first[y - y0], x0 + last[y - y0]
         if begin > end:
             continue
-        px, py = origin[0] + begin + 0.5, origin[1] + y + 0.5
-        keys = (kc + ky * py + kx * px, kx, low, high)
-        part = (left + begin, left + end + 1)
-        if holed:
-            count_holed(t, keys, limits, (px, py), (top + y, part[0], part[1]), scene, holes, (stored, outputs))
-        else:
-            count_row(t, keys, limits, np.uintp(top + y), part, stored, outputs)
+        span = (y, begin, end, left, top, origin[0], origin[1])
+        count_span(t, plane, span, scene, holes, stored, limits, outputs)
 
 
 @kernel(inline=True)
@@ -123,24 +180,45 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
     """Count in tile ``k``; ``work`` = (distance of touching surfaces, relative and absolute; row ends)."""
     scene, holes, stored, outputs = borrowed(scene), borrowed(holes), borrowed(stored), borrowed(outputs)
     eps, ends = borrowed(work)
-    starts, entries = bins.starts, bins.entries
+    starts, entries = borrowed(bins.starts), borrowed(bins.entries)
     width, height = frame.width, frame.height
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     left, top = (k % columns) * TILE_WIDTH, (k // columns) * TILE_HEIGHT
     right, bottom = min(left + TILE_WIDTH, width) - 1, min(top + TILE_HEIGHT, height) - 1
     room = np.empty(BLOCKS, np.float32)
     farthest = borrowed(room)
-    if not find_farthest(stored.depth, left, top, right, bottom, farthest) > 0.0:
+    most = find_farthest(stored.depth, left, top, right, bottom, farthest)
+    if not most > 0.0:
         return  # nothing is asked for
     origin = (left - (width >> 1), top - (height >> 1))
     limits = (eps[0], eps[1], frame.far)
-    for n in range(starts[k], starts[k + 1]):
-        place, a, b, c = fetch(entries[n], scene)
+    first, past = starts[k], starts[k + 1]
+    for n in range(first, past):
+        entry = np.uintp(entries[np.uintp(n)])
+        look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, past - 1))]))
+        look_at_place(scene, np.uintp(entries[np.uintp(min(n + AHEAD // 2, past - 1))]))
+        listed = entry < np.uintp(scene.places.shape[0])
+        if listed:
+            nearest = np.float32(1.0 / scene.highs[entry])
+            if nearest > most:
+                continue
+            bits = scene.bits[entry]
+            if bits != NO_BITS:
+                x0, y0 = np.int64(scene.boxes[entry, 0]) - left, np.int64(scene.boxes[entry, 1]) - top
+                x1, y1 = np.int64(scene.boxes[entry, 2]) - left, np.int64(scene.boxes[entry, 3]) - top
+                if not lies_behind(nearest, (x0, y0, x1, y1), farthest):
+                    window = (np.uintp(scene.places[entry]), bits)
+                    spot = (x0, y0, left, top, origin[0], origin[1])
+                    count_bits(window, spot, scene, frame, holes, stored, limits, outputs)
+                continue
+        place, a, b, c = fetch(entry, scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top)
-        if lies_behind(np.float32(1.0 / greatest_key(scene.points, scene.listed, place, frame)), box, farthest):
+        if not listed:
+            nearest = np.float32(1.0 / greatest_key(scene.points, scene.listed, place, frame))
+        if lies_behind(nearest, box, farthest):
             continue
         pixel = ((origin[0] + box[0]) * SUBPIXEL + HALF, (origin[1] + box[1]) * SUBPIXEL + HALF)
         size = (box[2] - box[0] + 1, box[3] - box[1] + 1)
