@@ -107,13 +107,14 @@ def count_span(t, plane, span, scene, holes, stored, limits, outputs):
         count_row(t, (base, kx, low, high), limits, np.uintp(top + y), part, stored, outputs)
         return
     relative, absolute, far = limits
+    least = np.float64(np.float32(1.0 / high))
     images = (stored.depth, stored.triangle, outputs.number, outputs.touching)
     own = outputs.worth[t] if outputs.worth.shape[0] > 0 else np.int32(1)
     for x in range(start, end + 1, LANES):
         mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
         spot = (np.uintp(top + y), np.uintp(left + x))
         plane = (base, kx, np.float64(x - begin), low, high)
-        count_lanes(images, spot, mask, plane, (1.0 + relative, absolute, far), (t, own))
+        count_lanes(images, spot, mask, plane, (1.0 + relative, absolute, far, least), (t, own))
 
 
 @kernel(inline=True)
@@ -153,16 +154,19 @@ def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
 
 @kernel(inline=True)
 def find_farthest(depth, left, top, right, bottom, farthest):
-    """Greatest depth stored in each block of a tile; returns that of all."""
-    farthest[:] = -np.inf
-    most = np.float32(-np.inf)
+    """Greatest depth stored in each block of a tile, 0 outside of it; returns that of all."""
+    # As integers, of which LLVM finds the greatest of many at once: depths are not negative.
+    whole, found = depth.view(np.int32), farthest.view(np.int32)
+    found[:] = 0
     for y in range(np.uintp(top), np.uintp(bottom + 1)):
         row = ((y - np.uintp(top)) >> np.uintp(BLOCK_ROW_BITS)) * np.uintp(BLOCK_COLUMNS)
-        for x in range(np.uintp(left), np.uintp(right + 1)):
-            block = row + ((x - np.uintp(left)) >> np.uintp(BLOCK_COLUMN_BITS))
-            farthest[block] = max(farthest[block], depth[y, x])
-            most = max(most, depth[y, x])
-    return most
+        for i in range(np.uintp((right - left) >> BLOCK_COLUMN_BITS) + np.uintp(1)):
+            first = np.uintp(left) + (i << np.uintp(BLOCK_COLUMN_BITS))
+            greatest = np.int32(0)
+            for x in range(first, min(first + np.uintp(1 << BLOCK_COLUMN_BITS), np.uintp(right + 1))):
+                greatest = max(greatest, whole[y, x])
+            found[row + i] = max(found[row + i], greatest)
+    return farthest.max()
 
 
 @kernel(inline=True)

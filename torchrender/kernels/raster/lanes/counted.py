@@ -32,15 +32,16 @@ BYTES = ir.VectorType(I8, LANES)
 def count_lanes(typingctx, images, spot, mask, plane, limits, own):  # noqa: ARG001
     """Add a triangle to the masked ones of LANES pixels of a row, all of which lie in the image.
 
+    Where none of them stores a depth of ``limits[3]`` or more, which no fragment falls below, nothing is looked at.
     ``images``: depth (H,W) float32, triangle (H,W) int64, number (H,W) int32 and touching (H,W) bool; ``spot``: row and
     first column; ``plane``: of :func:`~.pixels.keep_nearest`; ``limits`` = (one and the relative distance of touching
-    surfaces, the absolute one, far); ``own`` = (triangle, int32 what it counts).
+    surfaces, the absolute one, far, the least depth); ``own`` = (triangle, int32 what it counts).
     """
     if any(image.layout != "C" for image in images):
         return None
     numbers = types.float64
     signature = types.void(
-        images, types.UniTuple(types.uintp, 2), types.uint64, types.UniTuple(numbers, 5), types.UniTuple(numbers, 3),
+        images, types.UniTuple(types.uintp, 2), types.uint64, types.UniTuple(numbers, 5), types.UniTuple(numbers, 4),
         types.Tuple((types.int64, types.int32)),
     )  # fmt: skip
 
@@ -50,7 +51,7 @@ def count_lanes(typingctx, images, spot, mask, plane, limits, own):  # noqa: ARG
             for kind, image in zip(sig.args[0], cgutils.unpack_tuple(builder, args[0], 4), strict=True)
         ]
         row, column = cgutils.unpack_tuple(builder, args[1], 2)
-        plane, limits = (cgutils.unpack_tuple(builder, args[k], n) for k, n in ((3, 5), (4, 3)))
+        plane, limits = (cgutils.unpack_tuple(builder, args[k], n) for k, n in ((3, 5), (4, 4)))
         owner, worth = cgutils.unpack_tuple(builder, args[5], 2)
         width = cgutils.unpack_tuple(builder, views[0].shape, 2)[1]
         place = builder.add(builder.mul(row, width), column)
@@ -58,16 +59,21 @@ def count_lanes(typingctx, images, spot, mask, plane, limits, own):  # noqa: ARG
             builder.bitcast(builder.gep(image.data, [place]), kind.as_pointer())
             for image, kind in zip(views, (FLOATS, LONGS, INTS, BYTES), strict=True)
         )
-        near, touches = _nearer(builder, key_of(builder, plane), owner, (depth, triangle), limits)
-        near = builder.and_(near, builder.trunc(args[2], I8))
-        with builder.if_then(builder.icmp_unsigned("!=", near, ir.Constant(I8, 0))):
-            count = builder.load(number, align=4)
-            more = builder.add(count, splat(builder, INTS, worth))
-            chosen = lanes_of(builder, builder.zext(near, ir.IntType(32)), INTS)
-            builder.store(builder.select(chosen, more, count), number, align=4)
-            touches = lanes_of(builder, builder.and_(touches, near), BYTES)
-            held = builder.load(touching, align=1)
-            builder.store(builder.or_(held, builder.zext(touches, BYTES)), touching, align=1)
+        held = builder.fpext(builder.load(depth, align=4), DOUBLES)
+        least, none = splat(builder, FOUR_DOUBLES, limits[3]), ir.Constant(I8, 0)
+        open_ones = [builder.fcmp_ordered(">=", half(builder, held, part), least) for part in range(HALVES)]
+        open_ones = builder.and_(bits_of(builder, open_ones), builder.trunc(args[2], I8))
+        with builder.if_then(builder.icmp_unsigned("!=", open_ones, none)):
+            near, touches = _nearer(builder, key_of(builder, plane), owner, (held, triangle), limits[:3])
+            near = builder.and_(near, open_ones)
+            with builder.if_then(builder.icmp_unsigned("!=", near, none)):
+                count = builder.load(number, align=4)
+                more = builder.add(count, splat(builder, INTS, worth))
+                chosen = lanes_of(builder, builder.zext(near, ir.IntType(32)), INTS)
+                builder.store(builder.select(chosen, more, count), number, align=4)
+                touches = lanes_of(builder, builder.and_(touches, near), BYTES)
+                marked = builder.or_(builder.load(touching, align=1), builder.zext(touches, BYTES))
+                builder.store(marked, touching, align=1)
         return context.get_dummy_value()
 
     return signature, generate
@@ -76,10 +82,10 @@ def count_lanes(typingctx, images, spot, mask, plane, limits, own):  # noqa: ARG
 def _nearer(builder, key, owner, stored, limits):
     """Bytes with a bit for each fragment before what is stored, of equal depths those with the lower id; and for each
     that touches it. Compared as 64 bits each, see :func:`~.vectors.half`; float32 fits into them."""
-    depth, triangle = stored
+    held, triangle = stored
     widened, absolute, far = (splat(builder, FOUR_DOUBLES, number) for number in limits)
     rounded = builder.fptrunc(builder.fdiv(constant(DOUBLES, [1.0] * LANES), key), FLOATS)
-    every, held = builder.fpext(rounded, DOUBLES), builder.fpext(builder.load(depth, align=4), DOUBLES)
+    every = builder.fpext(rounded, DOUBLES)
     ids, own = builder.load(triangle, align=8), splat(builder, FOUR_LONGS, owner)
     nearer, touches = [], []
     for part in range(HALVES):
