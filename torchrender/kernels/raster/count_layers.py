@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import prange
-from numba.cpython.unsafe.numbers import leading_zeros, trailing_zeros
 
 from torchrender.kernels.atomics import borrowed, fetch_add, keep
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import doubled_area, pixel_box
-from torchrender.kernels.raster.coverage import NO_BITS, ROW, WINDOW, lanes_start, row_ends
+from torchrender.kernels.raster.coverage import ROW, lanes_start, row_ends
 from torchrender.kernels.raster.fragments import is_hole
 from torchrender.kernels.raster.lanes.counted import count_lanes
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
@@ -118,27 +117,6 @@ def count_span(t, plane, span, scene, holes, stored, limits, outputs):
 
 
 @kernel(inline=True)
-def count_bits(window, spot, scene, frame, holes, stored, limits, outputs):
-    """Add a triangle to the pixels that it has in a window of a tile: ``window`` = its place in the order, and bits.
-
-    ``spot``: first column and row of the window in the tile, then as the end of what :func:`count_span` takes.
-    """
-    place, bits = window
-    t = np.int64(scene.order[place])
-    plane = key_plane(scene.points, scene.listed, place, frame)
-    x0, y, left, top, column, row = spot
-    while bits != NO_BITS:
-        here = bits & ROW
-        if here != NO_BITS:
-            begin = np.int64(trailing_zeros(here))
-            end = np.int64(63) - np.int64(leading_zeros(here))
-            span = (y, x0 + begin, x0 + end, left, top, column, row)
-            count_span(t, plane, span, scene, holes, stored, limits, outputs)
-        bits >>= np.uint64(WINDOW)
-        y += 1
-
-
-@kernel(inline=True)
 def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
     """Add the triangle at a place in the order to the pixels of a tile that it covers: :class:`Covered`."""
     x0, y0, y1, left, top, origin, first, last = pixels
@@ -205,15 +183,6 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
         if listed:
             nearest = np.float32(1.0 / scene.highs[entry])
             if nearest > most:
-                continue
-            bits = scene.bits[entry]
-            if bits != NO_BITS:
-                x0, y0 = np.int64(scene.boxes[entry, 0]) - left, np.int64(scene.boxes[entry, 1]) - top
-                x1, y1 = np.int64(scene.boxes[entry, 2]) - left, np.int64(scene.boxes[entry, 3]) - top
-                if not lies_behind(nearest, (x0, y0, x1, y1), farthest):
-                    window = (np.uintp(scene.places[entry]), bits)
-                    spot = (x0, y0, left, top, origin[0], origin[1])
-                    count_bits(window, spot, scene, frame, holes, stored, limits, outputs)
                 continue
         place, a, b, c = fetch(entry, scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
