@@ -59,6 +59,8 @@ _SHAPES: Mapping[str, tuple[tuple[int, ...], type]] = {
 }
 """Images that are written where they stay: what a pixel holds, and as what."""
 _memory = Recycler(1 << 26)
+_scratch = Recycler(1 << 26)
+"""Of second looks at a few pixels, for which fresh pages would take longer than the looks."""
 
 
 @overload
@@ -203,9 +205,10 @@ class CameraPasses:
         camera, prepared = self._camera, self._prepared
         rows, columns = (axis.numpy() for axis in pixels)
         shape = (camera.height, camera.width)
-        keys = np.zeros(shape)  # mapped where it is written to
+        keys = _scratch.empty(shape, np.float64)
+        keys.fill(0.0)
         keys[rows, columns] = 1.0 / beyond.numpy()
-        found = Visible(**_room(shape))
+        found = Visible(**{n: _scratch.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN})
         earlier = earlier_arrays(camera, 0, tests, prepared.view)
         prepared.draw(Limits(keys, seen.triangle[0].numpy()), earlier, found, (rows, columns))
         for name, image in zip(SEEN, found, strict=True):
@@ -217,6 +220,7 @@ class CameraPasses:
         eps: tuple[float, float],
         pixels: tuple[Tensor, ...] | None = None,
         worth: Array = ONE_EACH,
+        room: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """How many surfaces lie before those of a visibility buffer.
 
@@ -225,19 +229,26 @@ class CameraPasses:
             eps: relative and absolute distance (scene units) within which two surfaces are called touching.
             pixels: (N,) rows and columns: there alone.
             worth: (F,) int32 what each triangle counts, modulo 2^32; default: one.
+            room: (H,W) int32, all zero: the count is written there, and a view of it returned.
 
         Returns:
             count (1,H,W) int32 of nearer surfaces, of all surfaces where empty; touching (1,H,W) bool: the nearest of
             them towards the stored one touches it. With ``pixels``, (N,) each.
         """
         depth, where = seen.depth[0].numpy(), None if pixels is None else (pixels[0].numpy(), pixels[1].numpy())
-        if where is not None:
-            every, depth = depth, np.zeros_like(depth)
+        touching = _scratch.empty(depth.shape, np.bool_)
+        if where is None:
+            number = np.zeros(depth.shape, np.int32) if room is None else room.numpy()
+            touching.fill(False)
+        else:
+            every, depth, number = depth, _scratch.empty(depth.shape, np.float32), _scratch.empty(depth.shape, np.int32)
+            depth.fill(0.0)
             depth[where] = every[where]
-        found = Nearer(np.zeros(depth.shape, np.int32), np.zeros(depth.shape, np.bool_), worth)
+            number[where], touching[where] = 0, False  # whatever is counted elsewhere
+        found = Nearer(number, touching, worth)
         self._prepared.count(Stored(depth, seen.triangle[0].numpy()), np.array(eps), found, where)
-        count, touching = torch.from_numpy(found.number), torch.from_numpy(found.touching)
-        return (count[None], touching[None]) if pixels is None else (count[pixels], touching[pixels])
+        count, touches = torch.from_numpy(number), torch.from_numpy(touching)
+        return (count[None], touches[None]) if pixels is None else (count[pixels], touches[pixels])
 
 
 @contextmanager

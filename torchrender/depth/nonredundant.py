@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -29,12 +30,13 @@ def pixel_nonredundant(
     found = Samples.room_for(cameras)
     known = found.seen if images is None else images
     for number in range(len(cameras)):
-        own = some_views(found.seen, slice(number, number + 1))
+        part = slice(number, number + 1)
+        own = some_views(found.seen, part)
         if number == 0:
             rasterize_into(own, scene.geometry, cull=options.cull)
         else:
-            layer, truncated = _nearest_new(scene, own, some_views(known, slice(number)), options)
-            found.layer[number], found.truncated[number] = layer, truncated
+            one = Samples(own, found.layer[part], found.truncated[part])
+            _find_nearest_new(scene, one, some_views(known, slice(number)), options)
     return found
 
 
@@ -47,38 +49,45 @@ def fragment_tests(options: SamplingOptions, known: VisibilityBuffer) -> Fragmen
     )
 
 
-def _nearest_new(
-    scene: Scene, seen: VisibilityBuffer, known: VisibilityBuffer, options: SamplingOptions
-) -> tuple[Tensor, Tensor]:
-    """Write into ``seen``, of one camera, the nearest surface in each pixel that ``known`` does not hold.
+def _find_nearest_new(scene: Scene, found: Samples, known: VisibilityBuffer, options: SamplingOptions) -> None:
+    """Write into ``found``, of one camera, the nearest surface in each pixel that ``known`` does not hold.
 
-    Returns:
-        layer (H,W) int32 of surfaces skipped before it, truncated (H,W) bool.
+    Args:
+        found: of whose images only layer and truncated are there so far, all zero.
     """
+    seen, layer, truncated, most = found.seen, found.layer[0], found.truncated[0], options.max_skips
     tests = fragment_tests(options, known)
     eps = (options.relative_tolerance, options.scene_tolerance * scene.diagonal)
     with camera_passes(scene.geometry, seen.cameras, options.cull) as passes:
         passes.rasterize(tests, seen)
         if not options.count_layers:
-            shape = seen.triangle.shape[1:]
-            return torch.zeros(shape, dtype=torch.int32), torch.zeros(shape, dtype=torch.bool)
-        layer, touching = passes.count_nearer(seen, eps)
-        depth, triangle, layer, touching = seen.depth[0], seen.triangle[0], layer[0], touching[0]
-        again = torch.nonzero(touching & (triangle >= 0) & (layer < options.max_skips), as_tuple=True)
-        for _ in range(options.max_skips):
+            return
+        _, touching = passes.count_nearer(seen, eps, room=layer)
+        depth, triangle = seen.depth[0], seen.triangle[0]
+        again = _places(touching[0])
+        again = _some(again, (triangle[again] >= 0) & (layer[again] < most))
+        for _ in range(most):
             if not len(again[0]):
                 break
             # A coplanar copy of something redundant is the same surface under another id: look behind it, only there.
             # The step by eps also passes further copies, which would otherwise point to each other for ever.
             passes.rasterize_behind(tests, seen, depth[again].double() * (1.0 + eps[0]) + eps[1], again)
             layer[again], touches = passes.count_nearer(seen, eps, again)
-            open_still = touches & (triangle[again] >= 0) & (layer[again] < options.max_skips)
-            again = tuple(axis[open_still] for axis in again)
-    truncated = layer >= options.max_skips
+            again = _some(again, touches & (triangle[again] >= 0) & (layer[again] < most))
+    if int(layer.max()) < most and not len(again[0]):
+        return
+    truncated.copy_(layer >= most)
     truncated[again] = True
-    given_up = torch.nonzero(truncated, as_tuple=True)
-    if len(given_up[0]):
-        depth[given_up] = math.inf
-        triangle[given_up] = seen.object_id[0][given_up] = -1
-        seen.barycentric[0][given_up] = 0.0
-    return layer, truncated
+    given_up = _places(truncated)
+    depth[given_up] = math.inf
+    triangle[given_up] = seen.object_id[0][given_up] = -1
+    seen.barycentric[0][given_up] = 0.0
+
+
+def _places(mask: Tensor) -> tuple[Tensor, ...]:
+    """Rows and columns of what is set in (H,W): seldom anything, which numpy finds out in a twentieth of the time."""
+    return tuple(torch.from_numpy(axis) for axis in np.divmod(np.flatnonzero(mask.numpy()), mask.shape[1]))
+
+
+def _some(pixels: tuple[Tensor, ...], chosen: Tensor) -> tuple[Tensor, ...]:
+    return tuple(axis[chosen] for axis in pixels)

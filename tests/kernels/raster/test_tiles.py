@@ -176,9 +176,11 @@ def test_peeling_gives_the_layers_in_order() -> None:
             assert out.triangle[y, x] == (stack[n][1] if len(stack) > n else -1)
 
 
-def test_surfaces_before_the_stored_ones_are_counted() -> None:
+@pytest.mark.parametrize(("count", "size"), [(60, 40.0), (500, 5.0)])
+def test_surfaces_before_the_stored_ones_are_counted(count: int, size: float) -> None:
+    """Of large triangles and of those that are listed by their pixels."""
     rng = np.random.default_rng(8)
-    vertices, faces = soup(rng, 60, 40.0)
+    vertices, faces = soup(rng, count, size)
     found = layers(vertices, faces, False)
     width, height = SIZE
     depth, triangle = np.full((height, width), np.inf, np.float32), np.full((height, width), -1)

@@ -10,11 +10,22 @@ from numba import prange
 from torchrender.kernels.atomics import borrowed, fetch_add, keep
 from torchrender.kernels.compile import kernel
 from torchrender.kernels.raster.binning import doubled_area, pixel_box
-from torchrender.kernels.raster.coverage import row_ends
+from torchrender.kernels.raster.coverage import ROW, lanes_start, row_ends
 from torchrender.kernels.raster.fragments import is_hole
+from torchrender.kernels.raster.lanes.counted import count_lanes
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, barycentric_planes, greatest_key, key_plane
-from torchrender.kernels.raster.tiles import BLOCK_COLUMN_BITS, BLOCK_COLUMNS, BLOCK_ROW_BITS, BLOCKS, fetch
+from torchrender.kernels.raster.tiles import (
+    AHEAD,
+    BLOCK_COLUMN_BITS,
+    BLOCK_COLUMNS,
+    BLOCK_ROW_BITS,
+    BLOCKS,
+    fetch,
+    look_ahead,
+    look_at_place,
+)
 
 
 class Covered(NamedTuple):
@@ -75,37 +86,65 @@ def count_holed(t, keys, limits, spot, part, scene, holes, images):
 
 
 @kernel(inline=True)
+def count_span(t, plane, span, scene, holes, stored, limits, outputs):
+    """Add triangle ``t`` to some columns of a row of a tile.
+
+    ``span``: the row and the first and last column in the tile, and where the tile begins in the image and from its
+    centre.
+    """
+    kx, ky, kc, low, high = plane
+    y, begin, end, left, top, column, row = span
+    px, py = column + begin + 0.5, row + y + 0.5
+    base = kc + ky * py + kx * px
+    part = (left + begin, left + end + 1)
+    if holes.mask.shape[0] > 0 and holes.mask[t] >= 0:
+        spot = (top + y, part[0], part[1])
+        count_holed(t, (base, kx, low, high), limits, (px, py), spot, scene, holes, (stored, outputs))
+        return
+    start = lanes_start(begin, end)
+    if left + start + (end - start) // LANES * LANES + LANES > stored.depth.shape[1]:
+        count_row(t, (base, kx, low, high), limits, np.uintp(top + y), part, stored, outputs)
+        return
+    relative, absolute, far = limits
+    least = np.float64(np.float32(1.0 / high))
+    images = (stored.depth, stored.triangle, outputs.number, outputs.touching)
+    own = outputs.worth[t] if outputs.worth.shape[0] > 0 else np.int32(1)
+    for x in range(start, end + 1, LANES):
+        mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
+        spot = (np.uintp(top + y), np.uintp(left + x))
+        plane = (base, kx, np.float64(x - begin), low, high)
+        count_lanes(images, spot, mask, plane, (1.0 + relative, absolute, far, least), (t, own))
+
+
+@kernel(inline=True)
 def count_triangle(place, pixels, scene, frame, holes, stored, limits, outputs):
     """Add the triangle at a place in the order to the pixels of a tile that it covers: :class:`Covered`."""
     x0, y0, y1, left, top, origin, first, last = pixels
     t = np.int64(scene.order[place])
-    kx, ky, kc, low, high = key_plane(scene.points, scene.listed, place, frame)
-    holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
+    plane = key_plane(scene.points, scene.listed, place, frame)
     for y in range(y0, y1 + 1):
         begin, end = x0 + first[y - y0], x0 + last[y - y0]
         if begin > end:
             continue
-        px, py = origin[0] + begin + 0.5, origin[1] + y + 0.5
-        keys = (kc + ky * py + kx * px, kx, low, high)
-        part = (left + begin, left + end + 1)
-        if holed:
-            count_holed(t, keys, limits, (px, py), (top + y, part[0], part[1]), scene, holes, (stored, outputs))
-        else:
-            count_row(t, keys, limits, np.uintp(top + y), part, stored, outputs)
+        span = (y, begin, end, left, top, origin[0], origin[1])
+        count_span(t, plane, span, scene, holes, stored, limits, outputs)
 
 
 @kernel(inline=True)
 def find_farthest(depth, left, top, right, bottom, farthest):
-    """Greatest depth stored in each block of a tile; returns that of all."""
-    farthest[:] = -np.inf
-    most = np.float32(-np.inf)
+    """Greatest depth stored in each block of a tile, 0 outside of it; returns that of all."""
+    # As integers, of which LLVM finds the greatest of many at once: depths are not negative.
+    whole, found = depth.view(np.int32), farthest.view(np.int32)
+    found[:] = 0
     for y in range(np.uintp(top), np.uintp(bottom + 1)):
         row = ((y - np.uintp(top)) >> np.uintp(BLOCK_ROW_BITS)) * np.uintp(BLOCK_COLUMNS)
-        for x in range(np.uintp(left), np.uintp(right + 1)):
-            block = row + ((x - np.uintp(left)) >> np.uintp(BLOCK_COLUMN_BITS))
-            farthest[block] = max(farthest[block], depth[y, x])
-            most = max(most, depth[y, x])
-    return most
+        for i in range(np.uintp((right - left) >> BLOCK_COLUMN_BITS) + np.uintp(1)):
+            first = np.uintp(left) + (i << np.uintp(BLOCK_COLUMN_BITS))
+            greatest = np.int32(0)
+            for x in range(first, min(first + np.uintp(1 << BLOCK_COLUMN_BITS), np.uintp(right + 1))):
+                greatest = max(greatest, whole[y, x])
+            found[row + i] = max(found[row + i], greatest)
+    return farthest.max()
 
 
 @kernel(inline=True)
@@ -123,24 +162,36 @@ def count_tile(scene, bins, frame, holes, stored, work, k, outputs):
     """Count in tile ``k``; ``work`` = (distance of touching surfaces, relative and absolute; row ends)."""
     scene, holes, stored, outputs = borrowed(scene), borrowed(holes), borrowed(stored), borrowed(outputs)
     eps, ends = borrowed(work)
-    starts, entries = bins.starts, bins.entries
+    starts, entries = borrowed(bins.starts), borrowed(bins.entries)
     width, height = frame.width, frame.height
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     left, top = (k % columns) * TILE_WIDTH, (k // columns) * TILE_HEIGHT
     right, bottom = min(left + TILE_WIDTH, width) - 1, min(top + TILE_HEIGHT, height) - 1
     room = np.empty(BLOCKS, np.float32)
     farthest = borrowed(room)
-    if not find_farthest(stored.depth, left, top, right, bottom, farthest) > 0.0:
+    most = find_farthest(stored.depth, left, top, right, bottom, farthest)
+    if not most > 0.0:
         return  # nothing is asked for
     origin = (left - (width >> 1), top - (height >> 1))
     limits = (eps[0], eps[1], frame.far)
-    for n in range(starts[k], starts[k + 1]):
-        place, a, b, c = fetch(entries[n], scene)
+    first, past = starts[k], starts[k + 1]
+    for n in range(first, past):
+        entry = np.uintp(entries[np.uintp(n)])
+        look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, past - 1))]))
+        look_at_place(scene, np.uintp(entries[np.uintp(min(n + AHEAD // 2, past - 1))]))
+        listed = entry < np.uintp(scene.places.shape[0])
+        if listed:
+            nearest = np.float32(1.0 / scene.highs[entry])
+            if nearest > most:
+                continue
+        place, a, b, c = fetch(entry, scene)
         x0, y0, x1, y1 = pixel_box(a, b, c, (left, top, right, bottom), width >> 1, height >> 1)
         if x0 > x1 or y0 > y1:
             continue
         box = (x0 - left, y0 - top, x1 - left, y1 - top)
-        if lies_behind(np.float32(1.0 / greatest_key(scene.points, scene.listed, place, frame)), box, farthest):
+        if not listed:
+            nearest = np.float32(1.0 / greatest_key(scene.points, scene.listed, place, frame))
+        if lies_behind(nearest, box, farthest):
             continue
         pixel = ((origin[0] + box[0]) * SUBPIXEL + HALF, (origin[1] + box[1]) * SUBPIXEL + HALF)
         size = (box[2] - box[0] + 1, box[3] - box[1] + 1)

@@ -168,6 +168,13 @@ def fill_samples(t, plane, spot, bits, keys, ids):
 
 
 @kernel(inline=True)
+def lanes_start(begin, end):
+    """First of the LANES pixels by which a row's span is drawn: one step of them where it fits between half steps."""
+    even = min(begin & -(LANES // 2), TILE_WIDTH - LANES)
+    return even if end - even < LANES else begin & -LANES
+
+
+@kernel(inline=True)
 def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
     """Rows of fragments whose triangle no earlier image has there: pixel redundancy and no other test.
 
@@ -186,7 +193,8 @@ def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
             continue
         count += end - begin + 1
         base = kc + ky * y
-        for x in range(begin & -LANES, end + 1, LANES):
+        start = lanes_start(begin, end)
+        for x in range(start, end + 1, LANES):
             place = np.uintp(buffers.first + y * TILE_WIDTH + x)
             mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
             row, spot = (base, kx, np.float64(x), low, high), (np.float64(x) + shift_x, np.float64(y) + shift_y)

@@ -203,12 +203,20 @@ def is_open(limits, left, top, width, height, closed):
 
 @kernel(inline=True)
 def close_pixels(limits, place, closed, keys):
-    """Pixels whose limits let nothing in hold what nothing exceeds: what meets only these is not set up."""
+    """Pixels whose limits let nothing in hold what nothing exceeds: what meets only these is not set up.
+
+    Returns the box of the others in the image: x0, y0, x1, y1 inclusive.
+    """
     left, top, width, height = place
+    x0, y0, x1, y1 = np.int64(width), np.int64(height), np.int64(-1), np.int64(-1)
     for y in range(np.uintp(height)):
         for x in range(np.uintp(width)):
-            if not limits[np.uintp(top) + y, np.uintp(left) + x] > closed:
+            if limits[np.uintp(top) + y, np.uintp(left) + x] > closed:
+                column, row = np.int64(x), np.int64(y)
+                x0, y0, x1, y1 = min(x0, column), min(y0, row), max(x1, column), row
+            else:
                 keys[y * np.uintp(TILE_WIDTH) + x] = np.inf
+    return left + x0, top + y0, left + x1, top + y1
 
 
 @kernel(inline=True)
@@ -239,11 +247,11 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     for block in range(BLOCKS):
         lows[block] = -np.inf
     lowest = -np.inf
+    bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     if tests.limits.keys.shape[0] > 0:
-        close_pixels(tests.limits.keys, area, closed, keys)
+        bounds = close_pixels(tests.limits.keys, area, closed, keys)
         lowest = find_lows(keys, lows)
     tried = 0
-    bounds = (left, top, left + tile_width - 1, top + tile_height - 1)
     for n in range(first, end):
         entry = np.uintp(entries[np.uintp(n)])
         look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, end - 1))]))

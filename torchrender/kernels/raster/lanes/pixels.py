@@ -16,7 +16,6 @@ from numba.extending import intrinsic
 from torchrender.kernels.atomics import element
 from torchrender.kernels.raster.lanes.vectors import (
     DOUBLES,
-    FLOATS,
     FOUR_DOUBLES,
     FOUR_INTS,
     FOUR_LONGS,
@@ -176,7 +175,7 @@ def _looked_up(builder, coefficients, near, x, y, key):
 
 
 def _has_triangle(builder, arrays, j, lanes, owner):
-    """Which of the pixels earlier image ``j`` has, by halves: those where it holds the triangle that they project to.
+    """Which of QUADS pixels earlier image ``j`` has: those where it holds the triangle that they project to.
 
     ``arrays``: ids, pixels and near of ``records.Earlier``; ``lanes``: centres x, the row's y, and stored keys.
     """
@@ -191,21 +190,26 @@ def _has_triangle(builder, arrays, j, lanes, owner):
     at = builder.mul(j, ir.Constant(I64, 12))
     loaded = [number(pixels.data, builder.add(at, ir.Constant(I64, k))) for k in range(12)]
     rows, least = [loaded[k : k + 4] for k in (0, 4, 8)], number(near.data, j)
-    for part in range(HALVES):
-        u, v, inside = _looked_up(builder, rows, least, half(builder, x, part), y, half(builder, key, part))
-        for value, size in ((u, width), (v, height)):
-            most = splat(builder, FOUR_DOUBLES, builder.sitofp(size, ir.DoubleType()))
-            inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
-            inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
-        column, row = (builder.fptosi(builder.select(inside, value, zeros), FOUR_INTS) for value in (u, v))
-        row = builder.add(splat(builder, FOUR_LONGS, builder.mul(j, height)), builder.sext(row, FOUR_LONGS))
-        spots = builder.add(builder.mul(row, splat(builder, FOUR_LONGS, width)), builder.sext(column, FOUR_LONGS))
-        values = ir.Constant(FOUR_LONGS, ir.Undefined)
-        for k in range(QUADS):
-            lane = ir.Constant(ir.IntType(32), k)
-            value = number(known.data, builder.extract_element(spots, lane))
-            values = builder.insert_element(values, value, lane)
-        yield builder.and_(builder.icmp_signed("==", values, owner), inside)
+    u, v, inside = _looked_up(builder, rows, least, x, y, key)
+    for value, size in ((u, width), (v, height)):
+        most = splat(builder, FOUR_DOUBLES, builder.sitofp(size, ir.DoubleType()))
+        inside = builder.and_(inside, builder.fcmp_ordered(">=", value, zeros))
+        inside = builder.and_(inside, builder.fcmp_ordered("<", value, most))
+    column, row = (builder.fptosi(builder.select(inside, value, zeros), FOUR_INTS) for value in (u, v))
+    row = builder.add(splat(builder, FOUR_LONGS, builder.mul(j, height)), builder.sext(row, FOUR_LONGS))
+    spots = builder.add(builder.mul(row, splat(builder, FOUR_LONGS, width)), builder.sext(column, FOUR_LONGS))
+    values = ir.Constant(FOUR_LONGS, ir.Undefined)
+    for k in range(QUADS):
+        lane = ir.Constant(ir.IntType(32), k)
+        values = builder.insert_element(values, number(known.data, builder.extract_element(spots, lane)), lane)
+    return builder.and_(builder.icmp_signed("==", values, owner), inside)
+
+
+def _stored_keys(builder, key):
+    """As ``fragments.stored_key``."""
+    ones = constant(FOUR_DOUBLES, [1.0] * QUADS)
+    depth = builder.fptrunc(builder.fdiv(ones, key), ir.VectorType(ir.FloatType(), QUADS))
+    return builder.fdiv(ones, builder.fpext(depth, FOUR_DOUBLES))
 
 
 @intrinsic
@@ -238,16 +242,19 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: A
         parts = zip(sig.args[6], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
         arrays = [context.make_array(kind)(context, builder, part) for kind, part in parts]
         x = builder.fadd(splat(builder, DOUBLES, first), constant(DOUBLES, [float(k) for k in range(LANES)]))
-        ones, none = constant(DOUBLES, [1.0] * LANES), ir.Constant(I8, 0)
+        none = ir.Constant(I8, 0)
         count = cgutils.unpack_tuple(builder, arrays[0].shape, 3)[0]
-        with builder.if_then(builder.icmp_unsigned("!=", new, none)):
-            stored = builder.fpext(builder.fptrunc(builder.fdiv(ones, key), FLOATS), DOUBLES)
-            lanes = (x, y, builder.fdiv(ones, stored))
-            with cgutils.for_range(builder, count) as loop:
-                rest = builder.load(left)
-                with builder.if_then(builder.icmp_unsigned("!=", rest, none)):
-                    seen = bits_of(builder, _has_triangle(builder, arrays, loop.index, lanes, owner))
-                    builder.store(builder.and_(rest, builder.not_(seen)), left)
+        for part in range(HALVES):
+            own = ir.Constant(I8, ((1 << QUADS) - 1) << (part * QUADS))
+            with builder.if_then(builder.icmp_unsigned("!=", builder.and_(new, own), none)):
+                lanes = (half(builder, x, part), y, _stored_keys(builder, half(builder, key, part)))
+                with cgutils.for_range(builder, count) as loop:
+                    rest = builder.load(left)
+                    with builder.if_then(builder.icmp_unsigned("!=", builder.and_(rest, own), none)):
+                        seen = _has_triangle(builder, arrays, loop.index, lanes, owner)
+                        seen = builder.zext(builder.bitcast(seen, ir.IntType(QUADS)), I8)
+                        seen = builder.shl(seen, ir.Constant(I8, part * QUADS))
+                        builder.store(builder.and_(rest, builder.not_(seen)), left)
         return builder.zext(builder.load(left), I64)
 
     return signature, generate
