@@ -125,18 +125,34 @@ OF_LOBE = 7.0
 """Times a mirror's work where surroundings are looked up for a glossy pixel: several times, and shared."""
 
 
+OF_POINT, OF_AREA, MOST_LIT = 0.5, 1.0, 8.0
+"""Times the work of shading what is met that each light without and with an area adds to it, and the most of it all."""
+
+
 def amounts(outlook: Outlook) -> Amounts:
-    """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
+    """Once, for mirrors and for glossy ones; reflective pixels, by their rays and the lights; triangles in the clusters'
+    pictures; the first look at the surroundings of hits, by the lights."""
     options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
+    kinds, lobes = 1.0, glossy(outlook)
     if options.reflections in ("environment", "traced"):  # rays that find mirrors over and over end in surroundings
         shader = outlook.kept(HIT_SHADER)
         young = options.reflections == "environment" or outlook.history.pictures < YOUNG
         look = shader is None or (not shader.looked_around and young)
     if options.reflections == "environment":
-        pixels += (OF_LOBE - 1.0) * glossy(outlook)
+        pixels += (OF_LOBE - 1.0) * lobes
+    elif options.reflections == "traced" and lobes > 0.0:
+        kinds += 1.0
+        pixels += (options.tracing.glossy_rays - 1.0) * lobes
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-    return (1.0, pixels, drawn, float(look))
+        return (kinds, pixels, drawn, 0.0)
+    lit = min(1.0 + OF_POINT * outlook.point_lights + OF_AREA * outlook.area_lights, MOST_LIT)
+    return (kinds, pixels * (lit if options.reflections == "traced" else 1.0), drawn, lit * look)
+
+
+def did(frame: Frame, amounts: Amounts) -> Amounts:
+    """Of that; rays that find no mirrors over and over look at no surroundings."""
+    return amounts if frame[HIT_SHADER].looked_around else (*amounts[:-1], 0.0)
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
@@ -313,8 +329,8 @@ PASS = Pass(
     senses=senses,
     rests_on=HIT_SHADER,
     once=1,
-    doubt=3.0,  # what hits show is lit as the picture is, or mirrors in turn: two to five times in random scenes
-    did=lambda frame: frame[HIT_SHADER].looked_around,
+    doubt=2.0,  # what hits show is lit as the picture is, or mirrors in turn: up to four times in random scenes
+    did=did,
     settle=settle,
     settles=left_open,
     own=OWN,
