@@ -130,14 +130,13 @@ OF_POINT, OF_AREA, MOST_LIT = 0.5, 1.0, 8.0
 
 
 def amounts(outlook: Outlook) -> Amounts:
-    """Once, for mirrors and for glossy ones; reflective pixels, by their rays and the lights; triangles in the clusters'
-    pictures; the first look at the surroundings of hits, by the lights."""
+    """Once, for mirrors and for glossy ones; reflective pixels, by their rays and the lights; triangles in pictures of
+    clusters; the first look at the surroundings of hits, by the lights."""
     options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
     kinds, lobes = 1.0, glossy(outlook)
-    if options.reflections in ("environment", "traced"):  # rays that find mirrors over and over end in surroundings
-        shader = outlook.kept(HIT_SHADER)
-        young = options.reflections == "environment" or outlook.history.pictures < YOUNG
-        look = shader is None or (not shader.looked_around and young)
+    shader = outlook.kept(HIT_SHADER)  # rays, and clusters, that find mirrors over and over end in surroundings
+    young = options.reflections == "environment" or outlook.history.pictures < YOUNG
+    look = shader is None or (not shader.looked_around and young)
     if options.reflections == "environment":
         pixels += (OF_LOBE - 1.0) * lobes
     elif options.reflections == "traced" and lobes > 0.0:
@@ -145,7 +144,6 @@ def amounts(outlook: Outlook) -> Amounts:
         pixels += (options.tracing.glossy_rays - 1.0) * lobes
     if options.reflections == "clustered":
         drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-        return (kinds, pixels, drawn, 0.0)
     lit = min(1.0 + OF_POINT * outlook.point_lights + OF_AREA * outlook.area_lights, MOST_LIT)
     return (kinds, pixels * (lit if options.reflections == "traced" else 1.0), drawn, lit * look)
 
