@@ -83,7 +83,7 @@ def test_a_first_look_around_is_priced_once(monkeypatch: pytest.MonkeyPatch, was
     assert looks(plain, None) == looks(traced, None) == lit > 1.0
     assert looks(plain, old) == lit and looks(plain, old, looked=True) == 0.0
     assert looks(traced, young) == lit and looks(traced, young, looked=True) == looks(traced, old) == 0.0
-    assert looks(replace(traced, reflections="clustered"), None) == 0.0
+    assert looks(replace(traced, reflections="clustered"), None) == lit
 
     monkeypatch.setattr(HitShader, "looked_around", property(lambda _: True))
     known = Knowledge.of(washroom, camera, plain, history, load_curves())
@@ -195,3 +195,18 @@ def test_glossy_pixels_look_at_surroundings_several_times(washroom: Scene) -> No
     history = tr.render(washroom, camera, options=options, history=RenderHistory()).history
     assert history is not None and history.pace is not None
     assert 0.0 <= history.pace.known[GLOSSY_SHARE] <= history.pace.known[REFLECTIVE_SHARE]
+
+
+def test_what_is_done_once_counts_in_part_where_pictures_share_it(washroom: Scene) -> None:
+    """A first picture looks around for those that follow; what lasts counts in full all the same."""
+    camera, step = washroom.camera(width=40, height=40), find_pass("reflections")
+    options = replace(RenderOptions(reuse=None), reflections="environment")
+    known = Knowledge.of(washroom, camera, options, RenderHistory(), load_curves())
+    setting, count = step.settings.named("environment"), PASSES[0].settings.named("1")
+    maps = find_pass("shadow_map")
+    whole, shared = (Question.about(known, options, share_once=share) for share in (1.0, 0.125))
+    each = Question.about(known, options, share_once=1e-9).time_ms(step, setting, count, True)
+    once = whole.time_ms(step, setting, count, True) - each
+    assert once > 10.0 and shared.time_ms(step, setting, count, True) == pytest.approx(each + 0.125 * once)
+    texels = maps.settings.all[0]
+    assert whole.time_ms(maps, texels, count, True) == shared.time_ms(maps, texels, count, True) > 0.0
