@@ -200,7 +200,7 @@ def test_a_picture_on_time_is_not_planned_anew(late_ms: float, again: bool) -> N
 
 
 def test_a_first_picture_that_is_late_makes_no_finer_maps_of_what_the_eye_leaves_behind() -> None:
-    """Triangles for rays serve all pictures that follow; maps fitted to what is seen are drawn anew where the eye goes."""
+    """Triangles for rays serve all that follow; maps fitted to what is seen are drawn anew where the eye goes."""
     scene = anything(10_033)
     walk = walk_of(scene, 240, 2)
     plan = tr.plan(scene, walk[0], history=tr.RenderHistory(), budget_ms=200.0)
