@@ -220,12 +220,11 @@ def did(frame: Frame, amounts: Amounts) -> Amounts:
     for buffer in (SHADOW_MAP, SCENE_SHADOW_MAP):
         earlier, made = frame.earlier(buffer), frame[buffer]
         if buffer is SCENE_SHADOW_MAP and (earlier is not None or made is frame[SHADOW_MAP]):
-            continue  # counted by no amount, or already
-        for light, before, now in zip(lights, earlier or (None,) * len(lights), made, strict=True):
-            wanted += views(light) if now is not None else 0
-            drawn += views(light) if now is not None and now is not before else 0
-    share = drawn / max(wanted, 1)
-    return tuple(share * amount for amount in amounts)
+            break  # counted by none of them, or already
+        for light, before, now in zip(lights, earlier or [None] * len(lights), made, strict=True):
+            count = 0 if now is None else views(light)
+            wanted, drawn = wanted + count, drawn + count * (now is not before)
+    return tuple(amount * drawn / max(wanted, 1) for amount in amounts)
 
 
 def _fitted_already(outlook: Outlook) -> bool:
@@ -233,12 +232,8 @@ def _fitted_already(outlook: Outlook) -> bool:
     maps = [one for one in outlook.kept(SHADOW_MAP) or () if one is not None and one.fitted_to is not None]
     if not maps:
         return False
-    place = outlook.fact(_eye)
+    place = _place(outlook.cameras)
     return all(same((one.fitted_to or ())[: len(place)], place) for one in maps)
-
-
-def _eye(_: Scene, cameras: Cameras) -> tuple[Any, ...]:
-    return _place(cameras)
 
 
 def _fitted(light: Light, cascades: int | None) -> int:
