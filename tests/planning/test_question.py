@@ -11,8 +11,9 @@ import torchrender as tr
 from torchrender.clock import StepClock
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
-from torchrender.passes.mirrors.reflections import LOOK_MS, MOST_LIT, OF_AREA, OF_LOBE, OF_POINT, YOUNG
+from torchrender.passes.mirrors.reflections import LOOK_MS
 from torchrender.passes.mirrors.reflective_pixel import GLOSSY_SHARE, REFLECTIVE_SHARE
+from torchrender.passes.mirrors.work import MOST_LIT, OF_AREA, OF_LOBE, OF_POINT, YOUNG
 from torchrender.passes.senses import closely
 from torchrender.passes.table import PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
