@@ -213,8 +213,7 @@ class Run:
 
     def _did_once(self, step: Pass) -> bool:
         """The pass has just done what is done once for many pictures."""
-        amounts = self.amounts.get(step.name)
-        return amounts is not None and step.did_once(amounts)
+        return step.did_once(self.amounts.get(step.name, ()))
 
     def _forget(self) -> None:
         """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""
