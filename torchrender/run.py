@@ -113,6 +113,8 @@ class Run:
             before = Kernel.loads
             with self.clock.measure(step.name):
                 self._take(step, step.run(self._frame()))
+            if step.did is not None and step.name in self.amounts:
+                self.amounts[step.name] = step.did(self._frame(), self.amounts[step.name])
             if Kernel.loads != before or self._did_once(step):
                 self.untypical.add(step.name)
             self.done.append(step.name)
@@ -211,8 +213,7 @@ class Run:
 
     def _did_once(self, step: Pass) -> bool:
         """The pass has just done what is done once for many pictures."""
-        amounts = self.amounts.get(step.name)
-        return amounts is not None and step.did_once(amounts) and (step.did is None or step.did(self._frame()))
+        return step.did_once(self.amounts.get(step.name, ()))
 
     def _forget(self) -> None:
         """Release the buffers that no pass asks for; a G-buffer that is no larger than the picture stays with it."""

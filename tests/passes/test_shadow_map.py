@@ -8,7 +8,8 @@ import pytest
 import torch
 
 import torchrender as tr
-from torchrender.passes.light import shadow_map
+from torchrender.passes.light import shadow_map, standing_maps
+from torchrender.pipeline.pace import RECENT
 
 VIEW = tr.Cameras.look_at([0.6, 1.7, 4.0], [0.0, 0.7, 0.0], width=64, height=48, fov_deg=55.0)
 ASIDE = tr.Cameras.look_at([1.6, 1.7, 3.5], [0.0, 0.7, 0.0], width=64, height=48, fov_deg=55.0)
@@ -61,3 +62,32 @@ def test_views_of_lights_are_fitted_once_to_what_is_seen(monkeypatch: pytest.Mon
     picture(dark, VIEW)
     picture(replace(dark, materials=lit.materials), VIEW)
     assert len(fitted) == 5
+
+
+def test_maps_that_still_fit_teach_nothing_of_what_drawing_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else those that have to be drawn again some pictures on are expected in no time, and late."""
+    drawn: list[int] = []
+    draw = standing_maps.draw_shadow_map
+
+    def counting(*given):
+        drawn.append(1)
+        return draw(*given)
+
+    monkeypatch.setattr(standing_maps, "draw_shadow_map", counting)
+    lit, history = scene(GREY), tr.RenderHistory()
+    options = tr.RenderOptions(point_shadows="maps", ambient_visibility="off")
+    tr.render(lit, VIEW, options=options)  # kernels are there
+    taught, told = 0, []
+    for number in range(6):
+        eye = [0.6 + 0.002 * number, 1.7, 4.0]
+        view = tr.Cameras.look_at(eye, [0.0, 0.7, 0.0], width=64, height=48, fov_deg=55.0)
+        drawn.clear()
+        image = tr.render(lit, view if number < 5 else ASIDE, options=options, history=history)
+        assert image.history is not None and image.history.pace is not None and image.plan is not None
+        history = image.history
+        row = image.plan.row("shadow_map")
+        assert row.amounts is not None and (row.amounts[0] > 0.0) == bool(drawn)
+        taught += bool(drawn)
+        told.append(bool(drawn))
+        assert len(image.history.pace.recent.get(("shadow_map", row.setting), ())) == min(taught, RECENT)
+    assert any(told[1:]) and not all(told), "some fit, some do not"

@@ -17,8 +17,10 @@ from torchrender.pipeline.pace import SPEED, Pace
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.plan import Plan
+from torchrender.report.unseen.study import walk_of
 from torchrender.run import OFF, Run
 from torchrender.scene.camera import Cameras
+from torchrender.scene.procedural.anything import anything
 
 GRASS = tr.load("grass", size=3000)
 VIEW = GRASS.camera(width=256, height=256)
@@ -195,3 +197,11 @@ def test_a_picture_on_time_is_not_planned_anew(late_ms: float, again: bool) -> N
     assert run._off_time == again == (abs(late_ms) > OFF * 100.0)
     run.limits = (None, 0.1)
     assert not run._off_time
+
+
+def test_a_first_picture_that_is_late_makes_no_finer_maps_of_what_the_eye_leaves_behind() -> None:
+    """Triangles for rays serve all that follow; maps fitted to what is seen are drawn anew where the eye goes."""
+    scene = anything(10_033)
+    walk = walk_of(scene, 240, 2)
+    plan = tr.plan(scene, walk[0], history=tr.RenderHistory(), budget_ms=200.0)
+    assert not plan.possible and plan.row("shadow_map").setting == "256"

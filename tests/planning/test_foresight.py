@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import torchrender as tr
+from torchrender.passes.senses import closely
 from torchrender.passes.table import find_pass
-from torchrender.planning.costs import Knowledge
+from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.curves import load_curves
 from torchrender.planning.foresight import (
     COVERED,
@@ -217,3 +218,19 @@ def test_errors_of_what_looks_from_few_pixels_grow_as_these_part() -> None:
     assert error(unseen, 64, "off", 0.25) == error(unseen, 64, "off", 1.0)
     assert error(unseen, 64, "1", 0.25) == error(unseen, 64, "1", 1.0)
     assert error(seen, 512, "8 rays, 4 x 4", 0.25) == error(seen, 512, "8 rays, 4 x 4", 1.0)
+
+
+def test_hard_shadows_are_sensed_by_the_penumbrae_that_they_leave_out() -> None:
+    """A picture without penumbrae would find that leaving them out changes nothing, and so would all that follow."""
+    scene = tr.load("cornell_box")
+    camera = scene.camera(width=96, height=96)
+    found = {}
+    for area in ("sampled", "hard"):
+        options = tr.RenderOptions(reuse=None, area_shadows=area, fixed=("soft_shadow",))
+        image = tr.render(scene, camera, options=options, history=tr.RenderHistory(), budget_ms=1e6)
+        assert image.history is not None and image.history.pace is not None
+        found[area] = image.history.pace.known
+    soft, hard = (found[area][sense_of("soft_shadow")] for area in ("sampled", "hard"))
+    assert soft > 0.02 and soft / 2.5 < hard < 2.5 * soft
+    assert sense_of(closely("soft_shadow")) in found["sampled"]
+    assert sense_of(closely("soft_shadow")) not in found["hard"], "zero, by what is not there"

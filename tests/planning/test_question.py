@@ -11,14 +11,15 @@ import torchrender as tr
 from torchrender.clock import StepClock
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
-from torchrender.passes.mirrors.reflections import LOOK_MS, OF_LOBE, YOUNG
+from torchrender.passes.mirrors.reflections import LOOK_MS
 from torchrender.passes.mirrors.reflective_pixel import GLOSSY_SHARE, REFLECTIVE_SHARE
+from torchrender.passes.mirrors.work import MOST_LIT, OF_AREA, OF_LOBE, OF_POINT, YOUNG
 from torchrender.passes.senses import closely
 from torchrender.passes.table import PASSES, find_pass
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.hit_shader import HitShader
 from torchrender.pipeline.options import RenderOptions
-from torchrender.pipeline.pace import Pace
+from torchrender.pipeline.pace import SPEED, Pace
 from torchrender.planning import question
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.curves import load_curves
@@ -26,6 +27,7 @@ from torchrender.planning.question import Question
 from torchrender.planning.search import HEADROOM, headroom
 from torchrender.planning.standing import SHARE
 from torchrender.run import Run
+from torchrender.scene.light import RectLight
 from torchrender.scene.model import Scene
 
 GRASS = tr.load("grass", size=3000)
@@ -78,17 +80,37 @@ def test_a_first_look_around_is_priced_once(monkeypatch: pytest.MonkeyPatch, was
         return step.amounts(known.outlook.at(options))[-1]
 
     old, young = replace(history, pictures=YOUNG), replace(history, pictures=YOUNG - 1)
-    assert looks(plain, None) == looks(traced, None) == 1.0
-    assert looks(plain, old) == 1.0 and looks(plain, old, looked=True) == 0.0
-    assert looks(traced, young) == 1.0 and looks(traced, young, looked=True) == looks(traced, old) == 0.0
-    assert looks(replace(traced, reflections="clustered"), None) == 0.0
+    lit = light_of(washroom)
+    assert looks(plain, None) == looks(traced, None) == lit > 1.0
+    assert looks(plain, old) == lit and looks(plain, old, looked=True) == 0.0
+    assert looks(traced, young) == lit and looks(traced, young, looked=True) == looks(traced, old) == 0.0
+    assert looks(replace(traced, reflections="clustered"), None) == lit
 
     monkeypatch.setattr(HitShader, "looked_around", property(lambda _: True))
     known = Knowledge.of(washroom, camera, plain, history, load_curves())
     setting, count = step.settings.named("environment"), PASSES[0].settings.named("1")
     fresh, kept = (Question.about(known, plain).time_ms(step, setting, count, anew) for anew in (True, False))
-    price = known.curves.weights["reflections"]["environment"][-1]
-    assert price > 10.0 and fresh == pytest.approx(kept + price)
+    price = lit * known.curves.weights["reflections"]["environment"][-1]
+    assert price > 10.0 and fresh == pytest.approx(kept + known.pace.speed * price)
+
+
+def light_of(scene: Scene) -> float:
+    areas = sum(isinstance(light, RectLight) for light in scene.lights)
+    return min(1.0 + OF_POINT * (len(scene.lights) - areas) + OF_AREA * areas, MOST_LIT)
+
+
+@pytest.mark.parametrize("way", ["environment", "traced"])
+def test_what_is_done_once_takes_as_much_longer_as_all_passes(washroom: Scene, way: str) -> None:
+    """A machine half as fast takes twice as long to look around, too; and the look is a price worth telling."""
+    camera, step = washroom.camera(width=40, height=40), find_pass("reflections")
+    options = replace(RenderOptions(reuse=None), reflections=way, supersample=1)
+    pace = Pace(known={SPEED: math.log(2.0)}, ratios={("reflections", way): 1.0})
+    known = Knowledge.of(washroom, camera, options, replace(RenderHistory(), pace=pace), load_curves())
+    amounts = step.amounts(known.outlook)
+    all_of_it, each = (known.predicted_ms(step, way, work) or 0.0 for work in (amounts, step.again(amounts)))
+    once = amounts[-1] * known.curves.weights["reflections"][way][-1]
+    own = known.curves.scenes.get(known.name, {}).get("ratios", {}).get("reflections", {}).get(way, 1.0)
+    assert once > 30.0 and all_of_it - each == pytest.approx(2.0 * own * once)
 
 
 @pytest.mark.parametrize("looked", [False, True])
@@ -160,7 +182,7 @@ def test_a_picture_without_time_left_senses_nothing(washroom: Scene) -> None:
 
 
 def test_glossy_pixels_look_at_surroundings_several_times(washroom: Scene) -> None:
-    """Nothing but mirrors is expected before a picture tells."""
+    """And cast several rays. Nothing but mirrors is expected before a picture tells."""
     camera, step = washroom.camera(width=40, height=40), find_pass("reflections")
     options = replace(RenderOptions(reuse=None), reflections="environment", supersample=1)
     outlook = Knowledge.of(washroom, camera, options, None, load_curves()).outlook
@@ -168,7 +190,24 @@ def test_glossy_pixels_look_at_surroundings_several_times(washroom: Scene) -> No
     assert step.amounts(outlook)[1] == pytest.approx(0.3 * 1600e-6)
     assert step.amounts(told)[1] == pytest.approx((0.4 + 0.1 * (OF_LOBE - 1.0)) * 1600e-6)
     traced = told.at(replace(options, reflections="traced"))
-    assert step.amounts(traced)[1] == pytest.approx(0.4 * 1600e-6)
+    rays = 0.4 + 0.1 * (traced.options.tracing.glossy_rays - 1.0)
+    assert step.amounts(traced)[:2] == pytest.approx((2.0, light_of(washroom) * rays * 1600e-6))
+    assert step.amounts(outlook.at(traced.options))[0] == 1.0
     history = tr.render(washroom, camera, options=options, history=RenderHistory()).history
     assert history is not None and history.pace is not None
     assert 0.0 <= history.pace.known[GLOSSY_SHARE] <= history.pace.known[REFLECTIVE_SHARE]
+
+
+def test_what_is_done_once_counts_in_part_where_pictures_share_it(washroom: Scene) -> None:
+    """A first picture looks around for those that follow; what lasts counts in full all the same."""
+    camera, step = washroom.camera(width=40, height=40), find_pass("reflections")
+    options = replace(RenderOptions(reuse=None), reflections="environment")
+    known = Knowledge.of(washroom, camera, options, RenderHistory(), load_curves())
+    setting, count = step.settings.named("environment"), PASSES[0].settings.named("1")
+    maps = find_pass("shadow_map")
+    whole, shared = (Question.about(known, options, share_once=share) for share in (1.0, 0.125))
+    each = Question.about(known, options, share_once=1e-9).time_ms(step, setting, count, True)
+    once = whole.time_ms(step, setting, count, True) - each
+    assert once > 10.0 and shared.time_ms(step, setting, count, True) == pytest.approx(each + 0.125 * once)
+    texels = maps.settings.all[0]
+    assert whole.time_ms(maps, texels, count, True) == shared.time_ms(maps, texels, count, True) > 0.0

@@ -82,7 +82,7 @@ class Pass:
     continues: Buffer[Any] | None = None  # it runs only while this is kept, in place of the buffer's next maker
     rests_on: Buffer[Any] | None = None  # lasts; where it is made anew, so is some of its own work
     once: int = 0  # so many of its last amounts are work done once, for many pictures
-    did: Callable[[Frame], bool] | None = None  # after it ran: that is done now; None: as its amounts say
+    did: Callable[[Frame, Amounts], Amounts] | None = None  # after it ran: what of its amounts it had to do; None: all
     doubt: float = 1.0  # times that a setting may take longer than its amounts say, where no picture told yet
     by_settings: bool = False  # whether it applies depends on settings, its own or those of others
     for_next: bool = False  # what it makes is for the next picture of a sequence: nobody in this one asks for it

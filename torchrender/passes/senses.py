@@ -100,10 +100,10 @@ def borders(frame: Frame, covered: Tensor, lights: Iterable[Tensor]) -> float:
     return length
 
 
-def partly_lit(covered: Tensor, lights: Iterable[Tensor]) -> float:
+def partly_lit(covered: Tensor, lights: Iterable[Tensor], side: int = SIDE) -> float:
     """Share of the pixels (B,H,W) that see a part of a light, summed over the lights: borders of shadows."""
-    chosen, share = few(covered), 0.0
+    chosen, share = few(covered, side), 0.0
     for visibility in lights:
-        part = few(visibility)
+        part = few(visibility, side)
         share += float(((part > EDGE) & (part < 1.0 - EDGE) & chosen).float().mean())
     return share

@@ -145,7 +145,9 @@ def _begun(knowledge: Knowledge, kept: RenderHistory, budget_ms: float) -> Hunt:
         kept = _outdated(kept)
     known = Knowledge.of(scene, cameras, outlook.options, kept, knowledge.curves)
     options = settled(known, known.outlook.options, frozenset())
-    question = Question.about(known, options, near=True, careful=True)
+    # The second picture knows how fast the machine is, and looks around for those that follow where that serves them.
+    once = 1.0 / PICTURES if kept.pictures < 2 else 1.0
+    question = Question.about(known, options, near=True, careful=True, share_once=once)
     spent_ms = sum(pace.beside(False).values()) + pace.known.get(UNPRICED, 0.0)
     return Hunt.of(question, budget_ms, spent_ms)
 

@@ -116,7 +116,9 @@ def looked_ahead(
         ahead = _missing(question, question.options_at(choice.settings), question.options_at(aim.settings))
         found = _richer(question, choice, ahead, (budget_ms, spent_ms[1])) if ahead else None
         return found if found is not None and found.choice.possible else None
-    lasting = {step.name for step in knowledge.passes if step.makes.lasting is not None}
+    # What belongs to the sequence, as maps fitted to what is seen, is made anew where the eye goes on.
+    kinds = {step.name: step.makes.lasting for step in knowledge.passes}
+    lasting = {name for name, kind in kinds.items() if kind is not None and kind.shared}
     for own in ({name: setting for name, setting in aim.settings.items() if name in lasting}, {}):
         settings = {**choice.settings, **own}
         ahead = _missing(question, question.options_at(settings), question.options_at(aim.settings))

@@ -91,7 +91,8 @@ class Knowledge:
         if usual is None or not step.did_once(amounts):
             return None if usual is None else usual * self.pace.ratio(step.name, setting)
         each = self.curves.time_ms(step.name, setting, step.again(amounts), self.name) or 0.0
-        return usual - each + each * self.pace.ratio(step.name, setting)  # what is done once, sequences do not learn
+        # What is done once, sequences do not learn: it takes as much longer as all passes together.
+        return (usual - each) * self.pace.speed + each * self.pace.ratio(step.name, setting)
 
     @property
     def unseen(self) -> bool:

@@ -161,7 +161,10 @@ def _found(
         assert max_error is not None
         share = 1.0 / PICTURES if going_on else 1.0
         return surely(Question.about(knowledge, options, ran, wary=WARY, share=share), (None, max_error, spent_ms))
-    question = Question.about(knowledge, options, ran, near=True, wary=0.0 if max_error is None else WARY, careful=True)
+    # A first picture looks around for all that follow: what they choose by its light, none of them pays for.
+    once = 1.0 / PICTURES if going_on and not past.pictures and max_error is None else 1.0
+    wary = 0.0 if max_error is None else WARY
+    question = Question.about(knowledge, options, ran, near=True, wary=wary, careful=True, share_once=once)
     # After the first picture of a sequence those that follow are chosen for anew.
     alone = done or max_error is not None or (going_on and not past.pictures)
     later = None if alone else choose(question, budget_ms, None, spent_ms)

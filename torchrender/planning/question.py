@@ -38,7 +38,8 @@ class Question:
     open: Mapping[str, tuple[Setting, ...]]  # by pass
     done: frozenset[str]  # passes that ran: their time is spent
     wary: float = 0.0  # standard deviations that errors count higher by
-    share: float = 1.0  # of the time of what lasts: pictures that follow use it, too
+    share: float = 1.0  # of the time of what lasts: pictures that follow use it, too,
+    share_once: float = 1.0  # and of what else is done once, for many pictures
     careful: bool = False  # what no picture of the sequence ran counts longer
     _memo: dict[tuple[object, ...], object] = field(default_factory=dict, repr=False)
 
@@ -53,6 +54,7 @@ class Question:
         wary: float = 0.0,
         share: float = 1.0,
         careful: bool = False,
+        share_once: float = 1.0,
     ) -> Question:
         """All settings are open but those of passes that ran, are held, are off, or stand where no setting is.
 
@@ -61,6 +63,7 @@ class Question:
                 a search longer, and the next search comes soon.
             wary: standard deviations that errors count higher by.
             share: of the time of what lasts that counts.
+            share_once: of that of what else is done once.
             careful: what no picture of the sequence ran counts longer, for a budget has to be kept.
         """
         open_ = {}
@@ -77,7 +80,8 @@ class Question:
         if near and knowledge.outlook.history.pictures > 1 and knowledge.pace.choice.get(first.name) in last:
             place = last.index(knowledge.pace.choice[first.name])
             open_[first.name] = open_[first.name][max(place - 1, 0) : place + 2]
-        return cls(knowledge=knowledge, options=options, open=open_, done=done, wary=wary, share=share, careful=careful)
+        shares = {"share": share, "share_once": share_once}
+        return cls(knowledge=knowledge, options=options, open=open_, done=done, wary=wary, careful=careful, **shares)
 
     @property
     def first(self) -> Pass:
@@ -132,9 +136,9 @@ class Question:
             found = self.knowledge.predicted_ms(step, setting.name, amounts) or 0.0
             if self.share < 1.0 and step.makes.lasting is not None:
                 found *= self.share
-            elif self.share < 1.0 and step.did_once(amounts):
+            elif min(self.share, self.share_once) < 1.0 and step.did_once(amounts):
                 each = self.knowledge.predicted_ms(step, setting.name, step.again(amounts)) or 0.0
-                found = each + self.share * (found - each)
+                found = each + min(self.share, self.share_once) * (found - each)
             if self.careful:
                 found *= self.knowledge.pace.doubt(step.name, setting.name, step.doubt)
             self._memo[key] = found

@@ -75,6 +75,10 @@ def calibrate(scenes: Sequence[Scene], *, size: int = SIDE, known: Curves | None
         records = [unseen.record_of(anything(seed)) for seed in unseen.SEEDS]
         lines = unseen.lines_of(records)
         tell(f"{len(records)} random scenes: errors measured")
+        for seed in unseen.TIMED:
+            for name, values in times_of(anything(seed), SIZES[:2]).items():
+                seen[name] += values
+        tell(f"{len(unseen.TIMED)} random scenes: times measured")
     else:
         lines = {
             name: {setting: line.to_list() for setting, line in rows.items()} for name, rows in known.lines.items()

@@ -31,12 +31,10 @@ def probe(
         visibility: (B,L,H,W) of all lights; None: nothing hides any.
     """
     lights = frame.scene.lights
-    places = torch.arange(gbuffer.covered.numel()).reshape(gbuffer.covered.shape)
-    covered = few(gbuffer.covered, SIDE)
-    rows = few(places, SIDE)[covered]
+    rows, part = few_rows(gbuffer)
     if not lights or len(lights) > MOST_LIGHTS or not len(rows):
         return {}
-    surface, part = _surface(frame, gbuffer, rows).image, float(covered.float().mean())
+    surface = surface_of(frame, gbuffer, rows).image
     reach = None if around is None else _reach(around, rows)
 
     def shaded(shadows: Tensor | None, area_light: str = "polygon") -> Tensor:
@@ -61,7 +59,7 @@ def probe(
         moved[:, points] = _rows_of(visibility.roll((1, 1), (2, 3)), rows)[:, points]
         moved_by = changed(moved) * frame.options.supersample
         found[closely("point_shadow")] = found[closely("shadow_map")] = moved_by
-    if areas:  # shadows without penumbrae
+    if areas and frame.options.area_shadows != "hard":  # shadows without penumbrae, where there are some
         hard = here.clone()
         hard[:, areas] = (hard[:, areas] > 0.5).to(hard.dtype)
         found[closely("soft_shadow")] = changed(hard)
@@ -69,7 +67,14 @@ def probe(
     return found
 
 
-def _surface(frame: Frame, gbuffer: GBuffer, rows: Tensor) -> RaySurface:
+def few_rows(gbuffer: GBuffer) -> tuple[Tensor, float]:
+    """Rows (N,) of a few covered pixels of a G-buffer (B,H,W), and the share of the picture that is covered."""
+    places = torch.arange(gbuffer.covered.numel()).reshape(gbuffer.covered.shape)
+    covered = few(gbuffer.covered, SIDE)
+    return few(places, SIDE)[covered], float(covered.float().mean())
+
+
+def surface_of(frame: Frame, gbuffer: GBuffer, rows: Tensor) -> RaySurface:
     """What a few pixels see, as hits of rays from the eye."""
     cameras, geometry = gbuffer.cameras, frame.scene.geometry
     image = rows // (gbuffer.covered[0].numel())

@@ -214,17 +214,26 @@ def amounts(outlook: Outlook) -> Amounts:
     return (count, count * height * width * 1e-6, count * outlook.triangles)
 
 
+def did(frame: Frame, amounts: Amounts) -> Amounts:
+    """Of that, the share that was drawn: a map fitted to what is seen may still fit where the eye went."""
+    lights, drawn, wanted = frame.scene.lights, 0, 0
+    for buffer in (SHADOW_MAP, SCENE_SHADOW_MAP):
+        earlier, made = frame.earlier(buffer), frame[buffer]
+        if buffer is SCENE_SHADOW_MAP and (earlier is not None or made is frame[SHADOW_MAP]):
+            break  # counted by none of them, or already
+        for light, before, now in zip(lights, earlier or [None] * len(lights), made, strict=True):
+            count = 0 if now is None else views(light)
+            wanted, drawn = wanted + count, drawn + count * (now is not before)
+    return tuple(amount * drawn / max(wanted, 1) for amount in amounts)
+
+
 def _fitted_already(outlook: Outlook) -> bool:
     """The picture's maps were drawn for an eye that still stands there."""
     maps = [one for one in outlook.kept(SHADOW_MAP) or () if one is not None and one.fitted_to is not None]
     if not maps:
         return False
-    place = outlook.fact(_eye)
+    place = _place(outlook.cameras)
     return all(same((one.fitted_to or ())[: len(place)], place) for one in maps)
-
-
-def _eye(_: Scene, cameras: Cameras) -> tuple[Any, ...]:
-    return _place(cameras)
 
 
 def _fitted(light: Light, cascades: int | None) -> int:
@@ -311,6 +320,7 @@ PASS = Pass(
         ("4096", {"shadow.size": 4096}),
     ),
     amounts=amounts,
+    did=did,
     one_cost=True,
     own=OwnMeasure(title="visibility error", buffer=POINT_SHADOW, error=visibility_error(POINT_SHADOW)),
     hard=(HARD, MOVED),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from torchrender.buffers import RaySurface
+from torchrender.buffers import GBuffer, RaySurface
 from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
 from torchrender.effects.shadows.shadow_map import light_visibility
 from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
@@ -15,6 +15,7 @@ from torchrender.effects.shadows.traced import traced_visibility
 from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, mean_over, receives
 from torchrender.passes.light.light_reach import AREA_LIGHTS, LIGHT_REACH
+from torchrender.passes.light.probe import few_rows, surface_of
 from torchrender.passes.light.shadow_map import SHADOW_MAP
 from torchrender.passes.light.standing_light import StandingLight, buffer_of, kept_light, same_light
 from torchrender.passes.light.visibility import POINT_SHADOW, SOFT_SHADOW, lights_in_view, visibility_error
@@ -81,10 +82,32 @@ def _found(frame: Frame, lights: dict[int, Light]) -> dict[int, Tensor]:
 
 
 def senses(frame: Frame) -> dict[str, float]:
-    """How much of the picture lies in penumbrae, and how long the borders of shadows are."""
+    """How much of the picture lies in penumbrae, and how long the borders of shadows are.
+
+    Hard shadows have no penumbrae that would tell what leaving them out changes: there, those of a few pixels count, by
+    the same maps.
+    """
     covered, lights = frame[GBUFFER].covered, frame[SOFT_SHADOW].values()
-    found = {"soft_shadow": partly_lit(covered, lights)}
+    lit = _guessed(frame) if frame.options.area_shadows == "hard" else partly_lit(covered, lights)
+    found = {} if lit is None else {"soft_shadow": lit}
     return found if POINT_SHADOW in frame.values else {**found, "shadow_map": borders(frame, covered, lights)}
+
+
+def _guessed(frame: Frame) -> float | None:
+    """Share of the picture in penumbrae, summed over the lights; None where a few pixels do not tell."""
+    gbuffer = frame[GBUFFER]
+    if not isinstance(gbuffer, GBuffer):
+        return None
+    rows, part = few_rows(gbuffer)
+    if not len(rows):
+        return 0.0
+    surface, by_size = surface_of(frame, gbuffer, rows).image, replace(frame.options.shadow, filter="pcss", soft=None)
+    seen = [
+        light_visibility(frame.scene, light, surface, by_size, frame[SHADOW_MAP][n])
+        for n, light in lights_in_view(frame, area=True).items()
+        if frame[SHADOW_MAP][n] is not None
+    ]
+    return part * sum(partly_lit(one >= 0.0, [one], len(rows)) for one in seen)
 
 
 def amounts(outlook: Outlook) -> Amounts:

@@ -14,13 +14,14 @@ from torchrender.buffers import ReflectionLayer, ReflectionState
 from torchrender.effects.reflections.clustered import ClusterOptions, clustered_reflections
 from torchrender.effects.reflections.reflectors import RayShader, ReflectivePixels, blend_reflections
 from torchrender.effects.reflections.traced import TraceOptions, environment_reflections, trace_reflections
-from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
+from torchrender.passes.contract import Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import SHAPE, VIEW, HardEffect, Law, Outputs, Subject, difference, displayed, no_mirrors
 from torchrender.passes.light.direct_light import DIRECT_LIGHT, MIRROR_SHARE, with_share
 from torchrender.passes.mirrors.air import before_mirrors, shadows_in_air
 from torchrender.passes.mirrors.hit_shader import HIT_SHADER
 from torchrender.passes.mirrors.onward import mirror_shader, onward_of
-from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, glossy, mirrors, reflective
+from torchrender.passes.mirrors.reflective_pixel import REFLECTIVE_PIXEL, mirrors
+from torchrender.passes.mirrors.work import amounts, did
 from torchrender.passes.outlook import Outlook
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.ray_caster import RAY_CASTER
@@ -93,9 +94,6 @@ def _batch(layers: list[ReflectionLayer]) -> ReflectionLayer:
 LOOK_MS = 70.0
 """A first look at the surroundings, about."""
 
-YOUNG = 3
-"""Pictures after which rays that never asked for the surroundings will not."""
-
 PROBED = 2048
 """Reflective pixels, at most, whose surroundings are looked up beside what they mirror."""
 
@@ -115,28 +113,6 @@ def senses(frame: Frame) -> dict[str, float]:
     both = [(direct - replaced + weight * color).clamp_min(0.0)[None, None] for color in (mirrored, far)]
     part = len(pixels) / max(frame[GBUFFER].covered.numel(), 1)
     return {closely("reflections"): part * seen_difference(frame, both[0], both[1], frame[DIRECT_LIGHT])}
-
-
-VIEWS = 300.0
-"""Depth images that curved clusters need beside those of planes, per million reflective pixels."""
-
-
-OF_LOBE = 7.0
-"""Times a mirror's work where surroundings are looked up for a glossy pixel: several times, and shared."""
-
-
-def amounts(outlook: Outlook) -> Amounts:
-    """Once; reflective pixels; triangles in the clusters' pictures; the first look at the surroundings of hits."""
-    options, pixels, drawn, look = outlook.options, reflective(outlook), 0.0, False
-    if options.reflections in ("environment", "traced"):  # rays that find mirrors over and over end in surroundings
-        shader = outlook.kept(HIT_SHADER)
-        young = options.reflections == "environment" or outlook.history.pictures < YOUNG
-        look = shader is None or (not shader.looked_around and young)
-    if options.reflections == "environment":
-        pixels += (OF_LOBE - 1.0) * glossy(outlook)
-    if options.reflections == "clustered":
-        drawn = outlook.triangles * (1.0 if options.reflection.missing == "trace" else 1.0 + VIEWS * pixels)
-    return (1.0, pixels, drawn, float(look))
 
 
 WAYS: Mapping[str, Mapping[str, Any]] = {
@@ -313,8 +289,8 @@ PASS = Pass(
     senses=senses,
     rests_on=HIT_SHADER,
     once=1,
-    doubt=3.0,  # what hits show is lit as the picture is, or mirrors in turn: two to five times in random scenes
-    did=lambda frame: frame[HIT_SHADER].looked_around,
+    doubt=2.0,  # what hits show is lit as the picture is, or mirrors in turn: up to four times in random scenes
+    did=did,
     settle=settle,
     settles=left_open,
     own=OWN,
