@@ -80,7 +80,7 @@ class Question:
         if near and knowledge.outlook.history.pictures > 1 and knowledge.pace.choice.get(first.name) in last:
             place = last.index(knowledge.pace.choice[first.name])
             open_[first.name] = open_[first.name][max(place - 1, 0) : place + 2]
-        shares = {"share": share, "share_once": share_once}
+        shares: dict[str, Any] = {"share": share, "share_once": share_once}
         return cls(knowledge=knowledge, options=options, open=open_, done=done, wary=wary, careful=careful, **shares)
 
     @property

@@ -100,7 +100,7 @@ FAULTS: tuple[Fault, ...] = (
     ),
     *faults("depth images", P + "depth/nonredundant.py", "tests/depth tests/hard/test_depth_images.py",
         ("layer[again], touches = passes", "_, touches = passes"),
-        ("again = torch.nonzero(touching & (triangle >= 0)", "again = torch.nonzero(torch.zeros_like(touching) & (triangle >= 0)"),
+        ("again = _some(again, (triangle[again] >= 0) & (layer[again] < most))", "again = _some(again, torch.zeros_like(layer[again]) > 0)"),
         ("triangle[given_up] = seen.object_id[0][given_up] = -1", "seen.object_id[0][given_up] = -1"),
     ),
     *faults("depth images", P + "depth/viewpoints.py", "tests/depth",

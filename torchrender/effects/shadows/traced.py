@@ -66,7 +66,7 @@ def traced_visibilities(caster: RayCaster, lights: Mapping[int, Light], gbuffer:
     covered = gbuffer.covered
     points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
     origins = points + normals * position_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))[:, None]
-    numbers, found = sorted(lights), {}
+    numbers, found = sorted(lights), dict[int, Tensor]()
     count = max(1, _AT_ONCE // max(1, len(points)))
     for part in (numbers[at : at + count] for at in range(0, len(numbers), count)):
         some = [lights[n] for n in part]

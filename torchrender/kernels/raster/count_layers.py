@@ -98,8 +98,8 @@ def count_span(t, plane, span, scene, holes, stored, limits, outputs):
     base = kc + ky * py + kx * px
     part = (left + begin, left + end + 1)
     if holes.mask.shape[0] > 0 and holes.mask[t] >= 0:
-        spot = (top + y, part[0], part[1])
-        count_holed(t, (base, kx, low, high), limits, (px, py), spot, scene, holes, (stored, outputs))
+        row_span = (top + y, part[0], part[1])
+        count_holed(t, (base, kx, low, high), limits, (px, py), row_span, scene, holes, (stored, outputs))
         return
     start = lanes_start(begin, end)
     if left + start + (end - start) // LANES * LANES + LANES > stored.depth.shape[1]:

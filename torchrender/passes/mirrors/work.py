@@ -14,10 +14,8 @@ YOUNG = 3
 VIEWS = 300.0
 """Depth images that curved clusters need beside those of planes, per million reflective pixels."""
 
-
 OF_LOBE = 7.0
 """Times a mirror's work where surroundings are looked up for a glossy pixel: several times, and shared."""
-
 
 OF_POINT, OF_AREA, MOST_LIT = 0.5, 1.0, 8.0
 """Times the work of shading what is met that each light without and with an area adds to it, and the most of it all."""
