@@ -76,8 +76,8 @@ def traced_visibilities(caster: RayCaster, lights: Mapping[int, Light], gbuffer:
         rays = toward[which, row]
         limit = torch.full((len(rays),), math.inf, dtype=torch.float64)
         ends = torch.tensor([not isinstance(light, DirectionalLight) for light in some])[which]
-        coarse = torch.tensor([0.0 if isinstance(x, DirectionalLight) else _coarse(_place(x)) for x in some])
-        limit[ends] = _end(coarse.double()[which[ends]], rays[ends])
+        coarse = [0.0 if isinstance(light, DirectionalLight) else _coarse(_place(light)) for light in some]
+        limit[ends] = _end(torch.tensor(coarse, dtype=torch.float64)[which[ends]], rays[ends])
         facing[which, row] = ~caster.occluded(origins[row], rays, t_max=limit)
         images = torch.ones(len(part), *gbuffer.triangle.shape)
         images[:, covered] = facing.float()
