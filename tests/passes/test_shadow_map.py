@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import ModuleType
 
 import pytest
 import torch
@@ -26,15 +27,21 @@ def scene(floor: tr.Material) -> tr.Scene:
     )
 
 
-def test_views_of_lights_are_fitted_once_to_what_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    fitted: list[int] = []
-    fit = shadow_map.view_cameras
+def calls_of(monkeypatch: pytest.MonkeyPatch, module: ModuleType, name: str) -> list[int]:
+    """Grows by one at each call of a module's function."""
+    calls: list[int] = []
+    function = getattr(module, name)
 
     def counting(*given):
-        fitted.append(1)
-        return fit(*given)
+        calls.append(1)
+        return function(*given)
 
-    monkeypatch.setattr(shadow_map, "view_cameras", counting)
+    monkeypatch.setattr(module, name, counting)
+    return calls
+
+
+def test_views_of_lights_are_fitted_once_to_what_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted = calls_of(monkeypatch, shadow_map, "view_cameras")
     lit, history = scene(GREY), tr.RenderHistory()
     options = tr.RenderOptions(point_shadows="maps", ambient_visibility="off")
 
@@ -66,14 +73,7 @@ def test_views_of_lights_are_fitted_once_to_what_is_seen(monkeypatch: pytest.Mon
 
 def test_maps_that_still_fit_teach_nothing_of_what_drawing_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else those that have to be drawn again some pictures on are expected in no time, and late."""
-    drawn: list[int] = []
-    draw = standing_maps.draw_shadow_map
-
-    def counting(*given):
-        drawn.append(1)
-        return draw(*given)
-
-    monkeypatch.setattr(standing_maps, "draw_shadow_map", counting)
+    drawn = calls_of(monkeypatch, standing_maps, "draw_shadow_map")
     lit, history = scene(GREY), tr.RenderHistory()
     options = tr.RenderOptions(point_shadows="maps", ambient_visibility="off")
     tr.render(lit, VIEW, options=options)  # kernels are there

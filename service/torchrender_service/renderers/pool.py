@@ -214,16 +214,14 @@ class Pool:
         Raises:
             ServiceError: what the renderer says about the job, 429 where too many jobs wait, 503 while stopping.
         """
+        if isinstance(job, PhotoJob):
+            return await self._photo(job, asked)
         if renderer is not None:
             handle = self._handle(renderer)
             handle.asked = time.monotonic()
-            if isinstance(job, PhotoJob):
-                return await self._photo(job, asked)
             self._expect_pictures()
             return await self._put(handle.process, job, asked)
         rank = asked.rank if asked is not None and asked.rank is not None else rank_of(job)
-        if isinstance(job, PhotoJob):
-            return await self._photo(job, asked)
         if rank is Rank.BATCH:
             return await self._put(self._batch, job, asked)
         return await self._picture(job, asked or Asked())

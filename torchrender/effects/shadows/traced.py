@@ -37,9 +37,7 @@ def traced_visibility(
     check_range("samples", samples, 1, 256)
     check_range("offset", offset, 0.0, 1e6)
     covered = gbuffer.covered
-    points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
-    gap = offset * position_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))
-    origins = points + normals * gap[:, None]
+    points, normals, origins = _starts(gbuffer, offset)
     seen = torch.zeros(len(points), dtype=torch.float64)
     above = torch.zeros(len(points), dtype=torch.float64)
     targets = light.samples(samples, staggered=True) if isinstance(light, RectLight) else torch.zeros(1, 3)
@@ -64,8 +62,7 @@ def traced_visibilities(caster: RayCaster, lights: Mapping[int, Light], gbuffer:
     However many they are: rays of several are cast at once.
     """
     covered = gbuffer.covered
-    points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
-    origins = points + normals * position_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))[:, None]
+    points, normals, origins = _starts(gbuffer)
     numbers, found = sorted(lights), dict[int, Tensor]()
     count = max(1, _AT_ONCE // max(1, len(points)))
     for part in (numbers[at : at + count] for at in range(0, len(numbers), count)):
@@ -83,6 +80,14 @@ def traced_visibilities(caster: RayCaster, lights: Mapping[int, Light], gbuffer:
         images[:, covered] = facing.float()
         found |= dict(zip(part, images.unbind(0), strict=True))
     return found
+
+
+def _starts(gbuffer: GBuffer, offset: float = 1.0) -> tuple[Tensor, Tensor, Tensor]:
+    """Points, normals, and where rays start off them (N,3) float64, of the covered pixels."""
+    covered = gbuffer.covered
+    points, normals = (image[covered].double() for image in shadow_receivers(gbuffer))
+    gap = offset * position_error(gbuffer, covered.reshape(-1).nonzero().reshape(-1))
+    return points, normals, points + normals * gap[:, None]
 
 
 def ray_end(place: Tensor, toward: Tensor) -> Tensor:
