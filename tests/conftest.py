@@ -10,6 +10,9 @@ from typing import Any
 
 # Before torch is imported: threads that spin while they wait take the cores from those that work.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# Processes that share the tests have a core each: threads in them would only wait for one another, a third of the time.
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 # Curves that somebody measured on this machine must not change what is tested.
 os.environ["TORCHRENDER_CURVES"] = os.devnull + "/none"
 
