@@ -95,7 +95,7 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
     lens[:, 5] = (1.0 / intrinsics[:, (0, 1), (0, 1)]).max(axis=1)
     lens[:, 6:] = (other.eye.numpy() - view.reference) @ view.matrix.T
     size = float((1.0 / cameras.intrinsics[k, (0, 1), (0, 1)]).max())
-    return Earlier(
+    return NO_EARLIER._replace(
         ids=numpy_view(earlier.triangle, np.int64),
         pixels=np.ascontiguousarray(pixels),
         near=other.near.numpy(),

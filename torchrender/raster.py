@@ -185,13 +185,28 @@ class CameraPasses:
         self._camera = camera
         self._prepared = prepared
 
-    def rasterize(self, tests: FragmentTests, room: VisibilityBuffer | None = None) -> VisibilityBuffer:
-        """As :func:`rasterize_visibility`; ``room``: in its tensors."""
+    def rasterize(
+        self,
+        tests: FragmentTests,
+        room: VisibilityBuffer | None = None,
+        refused: tuple[Tensor, Tensor, tuple[float, float]] | None = None,
+    ) -> VisibilityBuffer:
+        """As :func:`rasterize_visibility`; ``room``: in its tensors.
+
+        Args:
+            refused: of a perspective camera, room for how many surfaces earlier images refuse before what is seen,
+                (H,W) int32, and for APART, TOUCHING or UNSURE, (H,W) uint8, both all zero: whether the nearest of them
+                towards it touches it, or :meth:`count_nearer` must tell both; and ``eps`` as there.
+        """
         camera, prepared = self._camera, self._prepared
         shape = (1, camera.height, camera.width)
         known = {} if room is None else {name: getattr(room, name).numpy() for name in SEEN}
         images = _room(shape, known)
         limits, earlier = limit_arrays(camera, 0, tests), earlier_arrays(camera, 0, tests, prepared.view)
+        if refused is not None:
+            number, nearest, (relative, absolute) = refused
+            asked = {"number": number.numpy(), "nearest": nearest.numpy(), "relative": relative, "absolute": absolute}
+            earlier = earlier._replace(**asked)
         prepared.draw(limits, earlier, Visible(**{name: image[0] for name, image in images.items()}))
         return VisibilityBuffer(cameras=camera, **{name: torch.from_numpy(image) for name, image in images.items()})
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from torchrender.kernels.raster.fragments import AGREES, CAPTURED, IDENTITY, is_hole, redundant_samples
-from torchrender.kernels.raster.records import SOLID, Earlier, Holes
+from torchrender.kernels.raster.records import NO_EARLIER, SOLID, Earlier, Holes
 
 SIZE = (9, 7)  # columns, rows of the earlier images
 
@@ -34,7 +34,10 @@ def earlier_images(rng: np.random.Generator, count: int, test: int, ratio: float
     ids = rng.integers(0, 3, (count, SIZE[1], SIZE[0]))
     depth = rng.uniform(1.5, 5, (count, SIZE[1], SIZE[0])).astype(np.float32)
     near = rng.uniform(0.5, 2.0, count)
-    return cameras, Earlier(ids, pixels, near, depth, lenses, matrix, inverse, test, ratio, 0.1)
+    return cameras, NO_EARLIER._replace(
+        ids=ids, pixels=pixels, near=near, depth=depth, lenses=lenses, matrix=matrix, inverse=inverse, test=test,
+        ratio=ratio, footprint=0.1,
+    )  # fmt: skip
 
 
 def redundant(t: int, spot: np.ndarray, key: float, slope: np.ndarray, cameras, earlier: Earlier) -> bool:

@@ -8,6 +8,7 @@ import pytest
 
 from torchrender.kernels.raster.fragments import has_triangle
 from torchrender.kernels.raster.lanes.pixels import (
+    ALIKE,
     covered_window,
     keep_nearest,
     least_of,
@@ -200,7 +201,8 @@ def test_unseen_pixels_are_nearer_and_in_no_earlier_image(images: int) -> None:
     rng = np.random.default_rng(8)
     kinds = set()
     for _ in range(300):
-        keys, ids = rng.choice([0.2, 0.5, 0.9], 24), rng.integers(-1, 9, 24).astype(np.int32)
+        keys = rng.choice([0.2, 0.5, 0.5 * (1 - 0.9 * ALIKE), 0.5 * (1 + 1.1 * ALIKE), 0.9], 24)
+        ids = rng.integers(-1, 9, 24).astype(np.int32)
         place, mask, t = int(rng.integers(0, 17)), int(rng.integers(0, 256)), int(rng.integers(0, 3))
         plane = (0.5, float(rng.choice([0.0, 0.03])), float(rng.integers(0, 5)), 0.3, 0.7)
         spot = tuple(rng.uniform(-4, 4, 2))
@@ -218,5 +220,7 @@ def test_unseen_pixels_are_nearer_and_in_no_earlier_image(images: int) -> None:
             wins = bool(mask >> n & 1) and (key > here or (key == here and t < held))
             seen = has_triangle(t, spot[0] + n, spot[1], key, known, pixels, near)
             assert (n in found) == (wins and not seen)
+            assert (n + LANES in found) == (wins and bool(seen))
+            assert (n + 2 * LANES in found) == (bool(mask >> n & 1) and abs(key - here) <= ALIKE * here)
             kinds.add((wins, bool(seen)))
     assert len(kinds) == (4 if images else 2)

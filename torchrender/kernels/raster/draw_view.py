@@ -15,6 +15,7 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import binning, direct, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
 from torchrender.kernels.raster.chosen import Wanted
+from torchrender.kernels.raster.lanes.refused import NOTES
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.records import (
     Bins,
@@ -174,8 +175,13 @@ class PreparedView:
     bins: Bins
 
     def draw(self, limits: Limits, earlier: Earlier, outputs: Visible, pixels: Pixels | None = None) -> None:
-        """Fill ``outputs`` with what passes the tests; with ``pixels`` only the tiles that hold these."""
+        """Fill ``outputs`` with what passes the tests; with ``pixels`` only the tiles that hold these.
+
+        Also what is asked for of ``earlier``, all zero, but without its notes.
+        """
         buffers = _memory.buffers(thread_count())
+        if earlier.number.size:
+            earlier = earlier._replace(notes=_memory.notes(thread_count()))
         bins = self._bins(pixels)
         tiles.render_tiles(self.scene, bins, self.view.frame, limits, earlier, self.holes, buffers, outputs)
 
@@ -225,6 +231,7 @@ class _Memory(threading.local):
         self._points = np.empty((0, 4))
         self._lists = _lists(0)
         self._buffers = _buffers(0, 0)
+        self._notes = np.empty((0, 0, 0), np.float32)
 
     @contextmanager
     def lent(self) -> Iterator[None]:
@@ -258,6 +265,12 @@ class _Memory(threading.local):
             self._buffers = _buffers(threads, count)
         self._buffers.known.fill(-1)
         return self._buffers
+
+    def notes(self, threads: int) -> Array:
+        """Room for those on a tile of each thread, not cleared."""
+        if len(self._notes) != threads:
+            self._notes = empty_aligned((threads, NOTES, TILE_WIDTH * TILE_HEIGHT), np.float32)
+        return self._notes
 
 
 def _buffers(threads: int, count: int) -> Buffers:

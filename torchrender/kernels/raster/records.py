@@ -51,7 +51,10 @@ class Limits(NamedTuple):
 
 
 class Earlier(NamedTuple):
-    """J perspective images that may have a fragment already (specification 01, sections 5 and 13); J may be 0."""
+    """J perspective images that may have a fragment already (specification 01, sections 5 and 13); J may be 0.
+
+    With room for them, also what they refuse: see ``lanes.refused``.
+    """
 
     ids: np.ndarray  # (J,h,w) int64
     pixels: np.ndarray  # (J,3,4): (x, y, 1, key) of this image about its centre to homogeneous pixels over depth
@@ -63,6 +66,11 @@ class Earlier(NamedTuple):
     test: int  # IDENTITY, AGREES or CAPTURED
     ratio: float  # a copy whose footprint is this many times larger does not count
     footprint: float  # of this image per unit of depth
+    notes: np.ndarray  # (NOTES,pixels of a tile) float32; with a row per thread in front where threads take tiles
+    number: np.ndarray  # (H,W) int32 surfaces refused before what is stored; (0,0): nobody asks
+    nearest: np.ndarray  # (H,W) uint8 of these: APART, TOUCHING or UNSURE
+    relative: float  # distance of touching surfaces: this share of the depth, and ...
+    absolute: float  # ... this much
 
 
 class EarlierLens(NamedTuple):
@@ -147,6 +155,11 @@ NO_EARLIER = Earlier(
     np.zeros((3, 3)),
     0,
     np.inf,
+    0.0,
+    np.zeros((0, 0, 0), np.float32),
+    np.zeros((0, 0), np.int32),
+    np.zeros((0, 0), np.uint8),
+    0.0,
     0.0,
 )
 NO_HOLES = Holes(np.zeros(0, np.int32), np.zeros((0, 4), np.int64), np.zeros(0, np.uint8), np.zeros((0, 3), np.float32))

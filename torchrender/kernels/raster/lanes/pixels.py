@@ -26,6 +26,7 @@ from torchrender.kernels.raster.lanes.vectors import (
     LANES,
     QUADS,
     bits_of,
+    call,
     constant,
     half,
     halves_of,
@@ -36,6 +37,9 @@ from torchrender.kernels.raster.lanes.vectors import (
     place_of,
     splat,
 )
+
+ALIKE = 2.0**-22
+"""Share of keys by which they may differ where depths are the same float32."""
 
 
 @intrinsic
@@ -216,6 +220,9 @@ def _stored_keys(builder, key):
 def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: ARG001
     """Mask of those of the masked pixels from ``place`` on where triangle ``t`` is nearer and in no earlier image.
 
+    In the next LANES bits: where it is nearer, but in one; and in those behind: where float32 may not tell the two
+    depths apart.
+
     ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre;
     ``earlier``: ids (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
     """
@@ -238,6 +245,7 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: A
             for k, ids in enumerate(half(builder, held, k) for k in range(HALVES))
         ]
         new = builder.and_(bits_of(builder, nearer), builder.trunc(mask_, I8))
+        level = builder.and_(_alike(builder, key, here), builder.trunc(mask_, I8))
         left = cgutils.alloca_once_value(builder, new)
         parts = zip(sig.args[6], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
         arrays = [context.make_array(kind)(context, builder, part) for kind, part in parts]
@@ -255,9 +263,25 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: A
                         seen = builder.zext(builder.bitcast(seen, ir.IntType(QUADS)), I8)
                         seen = builder.shl(seen, ir.Constant(I8, part * QUADS))
                         builder.store(builder.and_(rest, builder.not_(seen)), left)
-        return builder.zext(builder.load(left), I64)
+        kept = builder.load(left)
+        groups = (builder.zext(bits, I64) for bits in (kept, builder.xor(new, kept), level))
+        found = ir.Constant(I64, 0)
+        for number, bits in enumerate(groups):
+            found = builder.or_(found, builder.shl(bits, ir.Constant(I64, number * LANES)))
+        return found
 
     return signature, generate
+
+
+def _alike(builder, key, here):
+    """Bits of the lanes whose keys lie within ALIKE of each other."""
+    parts = []
+    for number in range(HALVES):
+        one, other = half(builder, key, number), half(builder, here, number)
+        apart = call(builder, f"llvm.fabs.v{QUADS}f64", FOUR_DOUBLES, [builder.fsub(one, other)])
+        most = builder.fmul(other, constant(FOUR_DOUBLES, [ALIKE] * QUADS))
+        parts.append(builder.fcmp_ordered("<=", apart, most))
+    return bits_of(builder, parts)
 
 
 @intrinsic
