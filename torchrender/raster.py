@@ -23,8 +23,8 @@ from torchrender.arrays import Recycler, empty_aligned
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_class
 from torchrender.errors import OptionError
+from torchrender.fragment_tests import EarlierOf, Refused, limit_arrays, views_of
 from torchrender.fragment_tests import FragmentTests as FragmentTests
-from torchrender.fragment_tests import earlier_arrays, limit_arrays, views_of
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import draw_view
 from torchrender.kernels.raster.chosen import NO_ATTRIBUTES, Wanted
@@ -184,29 +184,24 @@ class CameraPasses:
     def __init__(self, camera: Cameras, prepared: draw_view.PreparedView) -> None:
         self._camera = camera
         self._prepared = prepared
+        self._earlier = EarlierOf(camera, prepared)
 
     def rasterize(
         self,
         tests: FragmentTests,
         room: VisibilityBuffer | None = None,
-        refused: tuple[Tensor, Tensor, tuple[float, float]] | None = None,
+        refused: Refused | None = None,
     ) -> VisibilityBuffer:
         """As :func:`rasterize_visibility`; ``room``: in its tensors.
 
         Args:
-            refused: of a perspective camera, room for how many surfaces earlier images refuse before what is seen,
-                (H,W) int32, and for APART, TOUCHING or UNSURE, (H,W) uint8, both all zero: whether the nearest of them
-                towards it touches it, or :meth:`count_nearer` must tell both; and ``eps`` as there.
+            refused: of a perspective camera, room for what earlier images refuse before what is seen.
         """
         camera, prepared = self._camera, self._prepared
         shape = (1, camera.height, camera.width)
         known = {} if room is None else {name: getattr(room, name).numpy() for name in SEEN}
         images = _room(shape, known)
-        limits, earlier = limit_arrays(camera, 0, tests), earlier_arrays(camera, 0, tests, prepared.view)
-        if refused is not None:
-            number, nearest, (relative, absolute) = refused
-            asked = {"number": number.numpy(), "nearest": nearest.numpy(), "relative": relative, "absolute": absolute}
-            earlier = earlier._replace(**asked)
+        limits, earlier = limit_arrays(camera, 0, tests), self._earlier.of(tests, refused)
         prepared.draw(limits, earlier, Visible(**{name: image[0] for name, image in images.items()}))
         return VisibilityBuffer(cameras=camera, **{name: torch.from_numpy(image) for name, image in images.items()})
 
@@ -224,7 +219,7 @@ class CameraPasses:
         keys.fill(0.0)
         keys[rows, columns] = 1.0 / beyond.numpy()
         found = Visible(**{n: _scratch.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN})
-        earlier = earlier_arrays(camera, 0, tests, prepared.view)
+        earlier = self._earlier.of(tests)
         prepared.draw(Limits(keys, seen.triangle[0].numpy()), earlier, found, (rows, columns))
         for name, image in zip(SEEN, found, strict=True):
             getattr(seen, name).numpy()[0, rows, columns] = image[rows, columns]

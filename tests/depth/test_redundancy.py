@@ -15,7 +15,7 @@ from sampling_scenes import front, ring, soup, triangle, wall
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
-from torchrender.fragment_tests import PIXEL_TESTS
+from torchrender.fragment_tests import PIXEL_TESTS, Refused
 from torchrender.kernels.raster.lanes.refused import TOUCHING, UNSURE
 from torchrender.raster import SEEN, FragmentTests, camera_passes, rasterize_visibility
 from torchrender.scene.camera import Cameras
@@ -242,7 +242,7 @@ def test_what_is_refused_while_drawing_is_what_lies_before_the_samples(name: str
     earlier = rasterize_visibility(scene.geometry, cameras[:1], cull="back")
     number, nearest = torch.zeros(150, 150, dtype=torch.int32), torch.zeros(150, 150, dtype=torch.uint8)
     with camera_passes(scene.geometry, cameras[1], "back") as passes:
-        seen = passes.rasterize(FragmentTests(earlier=earlier, test=test), refused=(number, nearest, eps))
+        seen = passes.rasterize(FragmentTests(earlier=earlier, test=test), refused=Refused(number, nearest, eps))
         count, touching = passes.count_nearer(seen, eps)
     plain = rasterize_visibility(
         scene.geometry, cameras[1], cull="back", tests=FragmentTests(earlier=earlier, test=test)
@@ -262,5 +262,5 @@ def test_copies_that_are_drawn_first_leave_no_pixel_to_chance() -> None:
     earlier = replace(rasterize_visibility(scene.geometry, camera), triangle=torch.zeros(1, 8, 8, dtype=torch.int64))
     number, nearest = torch.zeros(8, 8, dtype=torch.int32), torch.zeros(8, 8, dtype=torch.uint8)
     with camera_passes(scene.geometry, camera, "none") as passes:
-        seen = passes.rasterize(FragmentTests(earlier=earlier), refused=(number, nearest, (1e-5, 1e-6)))
+        seen = passes.rasterize(FragmentTests(earlier=earlier), refused=Refused(number, nearest, (1e-5, 1e-6)))
     assert bool((seen.triangle > 0).all()) and bool((nearest == UNSURE).all())

@@ -12,6 +12,7 @@ from torchrender.arrays import Recycler
 from torchrender.buffers import VisibilityBuffer
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.samples import Samples, some_views
+from torchrender.fragment_tests import Refused
 from torchrender.kernels.raster.lanes.refused import TOUCHING
 from torchrender.raster import FragmentTests, camera_passes, rasterize_into
 from torchrender.scene.camera import Cameras
@@ -67,7 +68,7 @@ def _find_nearest_new(scene: Scene, found: Samples, known: VisibilityBuffer, opt
             passes.rasterize(tests, seen)
             return
         nearest = torch.from_numpy(_memory.empty(tuple(layer.shape), np.uint8)).zero_()
-        passes.rasterize(tests, seen, (layer, nearest, eps))
+        passes.rasterize(tests, seen, Refused(layer, nearest, eps))
         depth, triangle = seen.depth[0], seen.triangle[0]
         again = _places(nearest)
         touches = nearest[again] == TOUCHING

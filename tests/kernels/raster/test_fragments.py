@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.fragments import AGREES, CAPTURED, IDENTITY, is_hole, redundant_samples
+from torchrender.kernels.raster.fragments import AGREES, CAPTURED, IDENTITY, is_hole, mark_holders, redundant_samples
 from torchrender.kernels.raster.records import NO_EARLIER, SOLID, Earlier, Holes
 
 SIZE = (9, 7)  # columns, rows of the earlier images
@@ -130,3 +130,13 @@ def test_holes_are_the_missing_texels(wraps: tuple[int, int]) -> None:
                 row = min(int((1 - r) * len(picture)), len(picture) - 1)
                 wanted = picture[row, min(int(s * picture.shape[1]), picture.shape[1] - 1)] * opacity < SOLID
             assert is_hole(t, u, v, faces, holes) == wanted
+
+
+def test_holders_are_the_images_that_store_a_triangle() -> None:
+    """Of more images than there are bits, those that share one stand for each other."""
+    ids = np.random.default_rng(5).integers(-1, 40, (10, 2, 7))
+    holders = np.zeros(42, np.uint8)
+    mark_holders(ids, holders)
+    for t in range(42):
+        assert holders[t] == sum({1 << (j % 8) for j in range(10) if (ids[j] == t).any()})
+    assert not holders[40:].any() and len(set(holders.tolist())) > 10

@@ -57,7 +57,8 @@ def written_mixed(images, place, lanes, known, planes, objects, depths, spot):
 
 @numba.njit
 def unseen(keys, ids, place, mask, plane, t, spot, earlier):
-    return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane + spot, np.int32(t), earlier)
+    own = (np.int32(t[0]), np.uint8(t[1]))
+    return unseen_lanes(keys, ids, np.uintp(place), np.uint64(mask), plane + spot, own, earlier)
 
 
 @numba.njit
@@ -212,7 +213,9 @@ def test_unseen_pixels_are_nearer_and_in_no_earlier_image(images: int) -> None:
         pixels += rng.normal(0, 0.3, pixels.shape)
         near = rng.choice([0.1, 2.0], images)
         known = rng.integers(-1, 3, (images, 7, 9))
-        found = set_bits(unseen(keys, ids, place, mask, plane, t, spot, (known, pixels, near)))
+        holders = int(rng.integers(0, 256))
+        found = set_bits(unseen(keys, ids, place, mask, plane, (t, holders), spot, (known, pixels, near)))
+        known[[not holders >> j & 1 for j in range(images)]] = -1  # not looked at
         for n in range(LANES):
             base, step, column, low, high = plane
             key = min(max(base + step * (column + n), low), high)

@@ -10,7 +10,7 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
+from torchrender.kernels.raster.fragments import has_surface, has_triangle, images_with, is_hole, only_identity
 from torchrender.kernels.raster.lanes.pixels import covered_window, keep_nearest, reaches, unseen_lanes
 from torchrender.kernels.raster.lanes.refused import is_asked, note, note_lanes, note_level
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, find_rows
@@ -184,6 +184,7 @@ def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
     kx, ky, kc, low, high = plane
     x0, y0, y1, left, top = box
     keys, ids, owner, asked = buffers.keys, buffers.ids, np.int32(t), is_asked(earlier)
+    images = images_with(t, earlier)
     seen = (earlier.ids, earlier.pixels, earlier.near)
     shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
     shift_y = top + 0.5 - (np.int64(frame.height) >> 1)
@@ -199,7 +200,7 @@ def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
             place = np.uintp(buffers.first + y * TILE_WIDTH + x)
             mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
             row, spot = (base, kx, np.float64(x), low, high), (np.float64(x) + shift_x, np.float64(y) + shift_y)
-            found = unseen_lanes(keys, ids, place, mask, row + spot, owner, seen)
+            found = unseen_lanes(keys, ids, place, mask, row + spot, (owner, images), seen)
             if found & ROW != NO_BITS:
                 keep_nearest(keys, ids, place, found & ROW, row, owner)
             if asked and found > ROW:
@@ -216,13 +217,13 @@ def fill_unseen_window(t, plane, spot, bits, centre, earlier, keys, ids):
     kx, ky, kc, low, high = plane
     x0, y0, first = spot
     seen, owner = (earlier.ids, earlier.pixels, earlier.near), np.int32(t)
-    asked = is_asked(earlier)
+    asked, images = is_asked(earlier), images_with(t, earlier)
     column, y = np.float64(x0), y0
     while bits != NO_BITS:
         place = np.uintp(first + y * TILE_WIDTH + x0)
         row = (kc + ky * y, kx, column, low, high)
         at = (column + centre[0], np.float64(y) + centre[1])
-        found = unseen_lanes(keys, ids, place, bits & ROW, row + at, owner, seen)
+        found = unseen_lanes(keys, ids, place, bits & ROW, row + at, (owner, images), seen)
         if found & ROW != NO_BITS:
             keep_nearest(keys, ids, place, found & ROW, row, owner)
         if asked and found > ROW:
@@ -246,6 +247,7 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
     known, pixels, near = earlier.ids, earlier.pixels, earlier.near
     limited, compared = limits.keys.shape[0] > 0, known.shape[0] > 0
     plain, asked = compared and only_identity(earlier), is_asked(earlier)
+    compared = compared and not (plain and images_with(t, earlier) == 0)
     holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
     shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
     shift_y = top + 0.5 - (np.int64(frame.height) >> 1)

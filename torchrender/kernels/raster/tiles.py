@@ -294,8 +294,8 @@ def of_thread(earlier, thread):
     """With this thread's room for notes."""
     return Earlier(
         earlier.ids, earlier.pixels, earlier.near, earlier.depth, earlier.lenses, earlier.matrix, earlier.inverse,
-        earlier.test, earlier.ratio, earlier.footprint, earlier.notes[thread], earlier.number, earlier.nearest,
-        earlier.relative, earlier.absolute,
+        earlier.test, earlier.ratio, earlier.footprint, earlier.holders, earlier.notes[thread], earlier.number,
+        earlier.nearest, earlier.relative, earlier.absolute,
     )  # fmt: skip
 
 

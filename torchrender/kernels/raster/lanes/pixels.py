@@ -217,23 +217,26 @@ def _stored_keys(builder, key):
 
 
 @intrinsic
-def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: ARG001
-    """Mask of those of the masked pixels from ``place`` on where triangle ``t`` is nearer and in no earlier image.
+def unseen_lanes(typingctx, keys, ids, place, mask, row, own, earlier):  # noqa: ARG001
+    """Mask of those of the masked pixels from ``place`` on where a triangle is nearer and in no earlier image.
 
     In the next LANES bits: where it is nearer, but in one; and in those behind: where float32 may not tell the two
     depths apart.
 
-    ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre;
+    ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre; ``own``: the
+    triangle, and the images that may have it as of ``fragments.images_with``;
     ``earlier``: ids (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
     """
     if any(part.layout != "C" for part in earlier):
         return None
     signature = types.uint64(
-        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 7), types.int32, earlier
-    )
+        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 7),
+        types.Tuple((types.int32, types.uint8)), earlier,
+    )  # fmt: skip
 
     def generate(context, builder, sig, args):
-        keys_, ids_, place_, mask_, row_, t_, earlier_ = args
+        keys_, ids_, place_, mask_, row_, own_, earlier_ = args
+        t_, holders = cgutils.unpack_tuple(builder, own_, 2)
         *plane, first, y = cgutils.unpack_tuple(builder, row_, 7)
         key = key_of(builder, plane)
         here = builder.load(place_of(context, builder, sig.args[0], keys_, place_, DOUBLES))
@@ -254,11 +257,17 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: A
         count = cgutils.unpack_tuple(builder, arrays[0].shape, 3)[0]
         for part in range(HALVES):
             own = ir.Constant(I8, ((1 << QUADS) - 1) << (part * QUADS))
-            with builder.if_then(builder.icmp_unsigned("!=", builder.and_(new, own), none)):
+            asked = builder.icmp_unsigned("!=", builder.and_(new, own), none)
+            with builder.if_then(builder.and_(asked, builder.icmp_unsigned("!=", holders, none))):
                 lanes = (half(builder, x, part), y, _stored_keys(builder, half(builder, key, part)))
                 with cgutils.for_range(builder, count) as loop:
                     rest = builder.load(left)
-                    with builder.if_then(builder.icmp_unsigned("!=", builder.and_(rest, own), none)):
+                    asked = builder.icmp_unsigned("!=", builder.and_(rest, own), none)
+                    bit = builder.shl(
+                        ir.Constant(I8, 1), builder.and_(builder.trunc(loop.index, I8), ir.Constant(I8, 7))
+                    )
+                    held = builder.icmp_unsigned("!=", builder.and_(holders, bit), none)
+                    with builder.if_then(builder.and_(asked, held)):
                         seen = _has_triangle(builder, arrays, loop.index, lanes, owner)
                         seen = builder.zext(builder.bitcast(seen, ir.IntType(QUADS)), I8)
                         seen = builder.shl(seen, ir.Constant(I8, part * QUADS))
