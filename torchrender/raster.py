@@ -29,13 +29,8 @@ from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import draw_view
 from torchrender.kernels.raster.chosen import NO_ATTRIBUTES, Wanted
 from torchrender.kernels.raster.draw_view import TriangleArrays
-from torchrender.kernels.raster.records import (
-    NO_IDS,
-    Limits,
-    Nearer,
-    Stored,
-    Visible,
-)
+from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT
+from torchrender.kernels.raster.records import NO_IDS, Limits, Nearer, Stored, Visible
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
@@ -215,8 +210,7 @@ class CameraPasses:
         camera, prepared = self._camera, self._prepared
         rows, columns = (axis.numpy() for axis in pixels)
         shape = (camera.height, camera.width)
-        keys = _scratch.empty(shape, np.float64)
-        keys.fill(0.0)
+        keys = _cleared(shape, np.float64, rows)
         keys[rows, columns] = 1.0 / beyond.numpy()
         found = Visible(**{n: _scratch.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN})
         earlier = self._earlier.of(tests)
@@ -251,14 +245,22 @@ class CameraPasses:
             number = np.zeros(depth.shape, np.int32) if room is None else room.numpy()
             touching.fill(False)
         else:
-            every, depth, number = depth, _scratch.empty(depth.shape, np.float32), _scratch.empty(depth.shape, np.int32)
-            depth.fill(0.0)
+            every, depth = depth, _cleared(depth.shape, np.float32, where[0])
+            number = _scratch.empty(depth.shape, np.int32)
             depth[where] = every[where]
             number[where], touching[where] = 0, False  # whatever is counted elsewhere
         found = Nearer(number, touching, worth)
         self._prepared.count(Stored(depth, seen.triangle[0].numpy()), np.array(eps), found, where)
         count, touches = torch.from_numpy(number), torch.from_numpy(touching)
         return (count[None], touches[None]) if pixels is None else (count[pixels], touches[pixels])
+
+
+def _cleared(shape: tuple[int, ...], kind: type, rows: Array) -> Array:
+    """An image that is zero in all tiles that hold pixels of these ``rows``; no others are read."""
+    image = _scratch.empty(shape, kind)
+    for top in np.unique(rows // TILE_HEIGHT) * TILE_HEIGHT:
+        image[top : top + TILE_HEIGHT] = 0
+    return image
 
 
 @contextmanager

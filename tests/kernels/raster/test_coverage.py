@@ -23,7 +23,7 @@ from torchrender.kernels.raster.coverage import (
     window_bits,
     window_start,
 )
-from torchrender.kernels.raster.lanes.refused import NOTES
+from torchrender.kernels.raster.lanes.refused import FIRST, LEVEL, NOTES, ROOM
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, fill_rows, rows_reach
 from torchrender.kernels.raster.project import SUBPIXEL, snap
 from torchrender.kernels.raster.records import NO_EARLIER, Buffers, Frame
@@ -198,7 +198,7 @@ def test_windows_of_new_pixels_are_spans_of_them() -> None:
     earlier.pixels[0, :2, 2] = 45, 35
     kept = refused = 0
     for _ in range(100):
-        notes = [earlier._replace(notes=np.zeros((NOTES, pixels), np.float32)) for _ in range(2)]
+        notes = [earlier._replace(notes=np.zeros((NOTES, ROOM))) for _ in range(2)]
         width, rows = rng.integers(1, 5, 2)
         x, y = int(rng.integers(0, TILE_WIDTH - WINDOW)), int(rng.integers(0, TILE_HEIGHT - WINDOW))
         plane = (0.01, -0.02, 0.9, 0.1, 0.7)
@@ -212,7 +212,7 @@ def test_windows_of_new_pixels_are_spans_of_them() -> None:
         np.testing.assert_array_equal(one.keys, other[0][pixels:])
         np.testing.assert_array_equal(one.ids, other[1][pixels:])
         np.testing.assert_array_equal(notes[0].notes, notes[1].notes)
-        told = notes[0].notes[:3].reshape(3, TILE_HEIGHT, TILE_WIDTH)
+        told = notes[0].notes[:, :pixels].reshape(NOTES, TILE_HEIGHT, TILE_WIDTH)
         for j, i in itertools.product(range(TILE_HEIGHT), range(TILE_WIDTH)):
             place, inside = (
                 j * TILE_WIDTH + i,
@@ -221,8 +221,8 @@ def test_windows_of_new_pixels_are_spans_of_them() -> None:
             key = min(max((0.9 + -0.02 * j) + 0.01 * i, 0.1), 0.7)
             wins = inside and (key > keys[place] or (key == keys[place] and ids[place] > 4))
             out = wins and one.keys[place] == keys[place] and one.ids[place] == ids[place]
-            assert told[0, j, i] == out and told[1, j, i] == pytest.approx(out / key, rel=1e-6)
-            assert told[2, j, i] == (inside and key == keys[place])
+            assert told[0, j, i] == out + LEVEL * (inside and key == keys[place])
+            assert told[FIRST, j, i] == (key if out else 0.0)
             refused += out
         changed = int((one.keys != keys).sum())
         assert changed <= bits.bit_count()

@@ -9,6 +9,7 @@ import numpy as np
 from torchrender.kernels.raster.lanes.refused import (
     APART,
     NOTES,
+    ROOM,
     SLOTS,
     TOUCHING,
     UNSURE,
@@ -20,13 +21,11 @@ from torchrender.kernels.raster.lanes.refused import (
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.records import NO_EARLIER
 
-PIXELS = TILE_WIDTH * TILE_HEIGHT
-
 
 def test_refused_surfaces_before_the_stored_ones_are_counted() -> None:
     """Any order, more of them than there is room for, nothing stored, and depths of the same float32."""
     rng = np.random.default_rng(2)
-    notes = np.full((NOTES, PIXELS), np.nan, np.float32)
+    notes = np.full((NOTES, ROOM), np.nan)
     clear_notes(notes)
     left, top, width, height = 64, 32, 50, 30
     shape = (top + TILE_HEIGHT, left + TILE_WIDTH)
@@ -35,22 +34,22 @@ def test_refused_surfaces_before_the_stored_ones_are_counted() -> None:
         notes=notes, number=np.zeros(shape, np.int32), nearest=np.zeros(shape, np.uint8),
         relative=relative, absolute=absolute,
     )  # fmt: skip
-    depth, ids = np.full(shape, np.inf, np.float32), np.full(PIXELS, -1, np.int32)
+    depth = np.full(shape, np.inf, np.float32)
     refused, level = {}, {}
     for y, x in itertools.product(range(height), range(width)):
         place = y * TILE_WIDTH + x
-        zs = rng.choice([1.0, 2.0, 2.06, 3.0, 5.0], rng.integers(0, 2 * SLOTS)) * rng.uniform(0.999, 1.001)
+        zs = rng.choice([1.0, 2.0, 2.06, 3.0, 5.0], rng.integers(0, 2 * SLOTS + 1)) * rng.uniform(0.999, 1.001)
         for z in zs:
             note(notes, np.uintp(place), 1.0 / z)
         here = float(rng.choice([0.5, 2.0, 2.08, 9.0]))
         level[y, x] = bool(rng.random() < 0.1)
         note_level(notes, np.uintp(place), 1.0 / here * (1 + (1e-7 if level[y, x] else 1e-6)), 1.0 / here)
         if rng.random() < 0.8:
-            depth[top + y, left + x], ids[place] = here, 7
+            depth[top + y, left + x] = here
             if len(zs) and rng.random() < 0.1:
                 depth[top + y, left + x] = np.float32(1.0 / (1.0 / zs[0]))
         refused[y, x] = [np.float32(1.0 / (1.0 / z)) for z in zs]
-    settle((left, top, width, height), ids, earlier, depth)
+    settle((left, top, width, height), earlier, depth)
     kinds = set()
     for (y, x), zs in refused.items():
         place, here = (top + y, left + x), depth[top + y, left + x]

@@ -135,15 +135,16 @@ def images_with(t, earlier):
 def mark_holders(ids, holders):
     """Fill ``holders`` (F,), all zero, with what :func:`images_with` tells of images (J,h,w)."""
     for j in range(ids.shape[0]):
-        # All threads add the same bit, so that none takes away what another one writes.
+        # All threads add the same bit, so that none takes away what another one writes; and few do so.
         bit = np.uint8(1 << (j & 7))
         for y in prange(ids.shape[1]):
             row, last = borrowed(ids[j, y]), np.int64(-1)
             for x in range(np.uintp(row.shape[0])):
                 t = row[x]
                 if t >= 0 and t != last:
-                    holders[np.uintp(t)] |= bit
                     last = t
+                    if holders[np.uintp(t)] & bit == 0:
+                        holders[np.uintp(t)] |= bit
 
 
 @kernel()

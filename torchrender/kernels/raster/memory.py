@@ -11,7 +11,7 @@ import numpy as np
 
 from torchrender.arrays import empty_aligned
 from torchrender.kernels.raster import binning, tiles
-from torchrender.kernels.raster.lanes.refused import NOTES
+from torchrender.kernels.raster.lanes.refused import NOTES, ROOM
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
 from torchrender.kernels.raster.records import Buffers
 from torchrender.kernels.raster.resolve import CACHED
@@ -31,7 +31,7 @@ class Memory(threading.local):
         self._points = np.empty((0, 4))
         self._lists = _lists(0)
         self._buffers = _buffers(0, 0)
-        self._notes = np.empty((0, 0, 0), np.float32)
+        self._notes = np.empty((0, 0, 0))
 
     @contextmanager
     def lent(self) -> Iterator[None]:
@@ -69,7 +69,7 @@ class Memory(threading.local):
     def notes(self, threads: int) -> Array:
         """Room for those on a tile of each thread, not cleared."""
         if len(self._notes) != threads:
-            self._notes = empty_aligned((threads, NOTES, TILE_WIDTH * TILE_HEIGHT), np.float32)
+            self._notes = empty_aligned((threads, NOTES, ROOM), np.float64)
         return self._notes
 
 

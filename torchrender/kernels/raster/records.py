@@ -67,7 +67,7 @@ class Earlier(NamedTuple):
     ratio: float  # a copy whose footprint is this many times larger does not count
     footprint: float  # of this image per unit of depth
     holders: np.ndarray  # (F,) uint8 images that store a triangle at all, see ``fragments.images_with``; (0,): unknown
-    notes: np.ndarray  # (NOTES,pixels of a tile) float32; with a row per thread in front where threads take tiles
+    notes: np.ndarray  # (NOTES,ROOM) float64; with a row per thread in front where threads take tiles
     number: np.ndarray  # (H,W) int32 surfaces refused before what is stored; (0,0): nobody asks
     nearest: np.ndarray  # (H,W) uint8 of these: APART, TOUCHING or UNSURE
     relative: float  # distance of touching surfaces: this share of the depth, and ...
@@ -158,7 +158,7 @@ NO_EARLIER = Earlier(
     np.inf,
     0.0,
     np.zeros(0, np.uint8),
-    np.zeros((0, 0, 0), np.float32),
+    np.zeros((0, 0, 0)),
     np.zeros((0, 0), np.int32),
     np.zeros((0, 0), np.uint8),
     0.0,

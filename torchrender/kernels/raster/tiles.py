@@ -286,7 +286,7 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
             tried = 0
     resolve(scene, frame, area, buffers, outputs)
     if asked:
-        settle(area, ids, tests.earlier, outputs.depth)
+        settle(area, tests.earlier, outputs.depth)
 
 
 @kernel(inline=True)
