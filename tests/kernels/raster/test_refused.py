@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import itertools
 
+import numba
 import numpy as np
 
 from torchrender.kernels.raster.lanes.refused import (
     APART,
+    COUNT,
+    LEVEL,
     NOTES,
     ROOM,
     SLOTS,
@@ -15,11 +18,37 @@ from torchrender.kernels.raster.lanes.refused import (
     UNSURE,
     clear_notes,
     note,
+    note_lanes,
     note_level,
     settle,
 )
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
+from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.records import NO_EARLIER
+
+
+@numba.njit
+def noted(notes, place, found, row):
+    note_lanes(notes, np.uintp(place), np.uint64(found), row)
+
+
+def test_eight_pixels_are_noted_as_each_of_them() -> None:
+    rng = np.random.default_rng(3)
+    one, other = np.zeros((NOTES, ROOM)), np.zeros((NOTES, ROOM))
+    for notes in (one, other):
+        clear_notes(notes)
+    for _ in range(300):
+        place, found = int(rng.choice([0, 3, 8, TILE_WIDTH * TILE_HEIGHT - LANES])), int(rng.integers(0, 1 << 24))
+        base, step, column, low, high = row = (0.5, float(rng.normal(0, 0.05)), float(rng.integers(0, 9)), 0.3, 0.7)
+        noted(one, place, found, row)
+        for k in range(LANES):
+            key = min(max(base + step * (column + k), low), high)
+            if found >> (LANES + k) & 1:
+                note(other, np.uintp(place + k), key)
+            if found >> (2 * LANES + k) & 1:
+                note_level(other, np.uintp(place + k), key, key)
+    np.testing.assert_array_equal(one, other)
+    assert (one[COUNT] > 2 * LEVEL).any() and (one[NOTES - 1] > 0).sum() > 2 * LANES
 
 
 def test_refused_surfaces_before_the_stored_ones_are_counted() -> None:
