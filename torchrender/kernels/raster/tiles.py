@@ -165,26 +165,23 @@ def draw(place, corners, box, high, scene, frame, tests, buffers):
     tested = tests.limits.keys.shape[0] > 0 or tests.earlier.ids.shape[0] > 0
     if tests.holes.mask.shape[0] > 0:
         tested = tested or tests.holes.mask[t] >= 0
-    area, alone = doubled_area(a, b, c), is_identity_alone(t, tests)
+    area = doubled_area(a, b, c)
     width, rows = x1 - x0 + 1, y1 - y0 + 1
-    if max(width, rows) <= WINDOW and (alone or not tested):
+    if max(width, rows) <= WINDOW and not tested:
         x0, y0 = window_start(x0, y0, x1)
         pixel = ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF)
         bits = window_bits(a, b, c, area, pixel, y1 - y0 + 1)
         if bits == NO_BITS or is_hidden(high, (x0, y0, buffers.first), bits, keys):
             return np.int64(0)
-        plane, spot = plane_in_tile(place, left, top, scene, frame), (x0, y0, buffers.first)
-        if alone:
-            fill_unseen_window(t, plane, spot, bits, (origin[0] + 0.5, origin[1] + 0.5), tests.earlier, keys, ids)
-        else:
-            fill_window(t, plane, spot, bits, width * rows <= SMALL, keys, ids)
+        plane = plane_in_tile(place, left, top, scene, frame)
+        fill_window(t, plane, (x0, y0, buffers.first), bits, width * rows <= SMALL, keys, ids)
         return np.int64(1)
     pixel = ((origin[0] + x0) * SUBPIXEL + HALF, (origin[1] + y0) * SUBPIXEL + HALF)
     count = row_ends(corners, area, pixel, (width, rows), first, last)
     if count == 0 or not rows_reach(keys, first, last, (x0, rows, buffers.first + y0 * TILE_WIDTH), high):
         return np.int64(0)
     plane = plane_in_tile(place, left, top, scene, frame)
-    if alone:
+    if is_identity_alone(t, tests):
         return fill_unseen(t, plane, (x0, y0, y1, left, top), frame, first, last, tests.earlier, buffers)
     if tested:
         return fill_tested(t, plane, (x0, y0, y1, left, top), scene, frame, tests, buffers)

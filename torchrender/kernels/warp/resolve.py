@@ -130,10 +130,10 @@ def weigh(found, centred, width, blend):
     """Which samples each pixel blends, and how much they count: bilinear among those around its corner that are of the
     surface it shows, or that alone. No branches.
 
-    ``width``: columns of the source images. Pixels that show nothing get a sample that is there.
+    ``width``: columns of the source images. Of pixels that show nothing, anything.
     """
     rows, columns, words, p0, p1, p2, p3, w0, w1, w2, w3, scale = blend
-    image, js, i_s, _, us, vs = found
+    _, js, i_s, _, us, vs = found
     three, none = np.int32(3), 0.0
     for n in range(np.uintp(js.shape[0])):
         j, i, word = np.float64(js[n]), np.float64(i_s[n]), words[n]
@@ -147,11 +147,10 @@ def weigh(found, centred, width, blend):
         u, v = us[n], vs[n]
         u, v = u if centred else clamp(u, i, i + 1.0), v if centred else clamp(v, j, j + 1.0)
         x, y = clamp(u - (columns[n] - 0.5), 0.0, 1.0), clamp(v - (rows[n] - 0.5), 0.0, 1.0)
-        there = image[n] >= 0
-        a = x * y if there & ((word & three) == label) else none
-        b = x * (1.0 - y) if there & (((word >> np.int32(2)) & three) == label) else none
-        c = (1.0 - x) * (1.0 - y) if there & (((word >> np.int32(4)) & three) == label) else none
-        d = (1.0 - x) * y if there & (((word >> np.int32(6)) & three) == label) else none
+        a = x * y if ((word & three) == label) else none
+        b = x * (1.0 - y) if (((word >> np.int32(2)) & three) == label) else none
+        c = (1.0 - x) * (1.0 - y) if (((word >> np.int32(4)) & three) == label) else none
+        d = (1.0 - x) * y if (((word >> np.int32(6)) & three) == label) else none
         total = a + b + c + d
         some = total > 1e-6
         near_row = js[n] + (np.int32(0) if second else np.int32(1)) if centred else js[n]
@@ -173,16 +172,20 @@ def color_row(found, quads, colors, blend, target):
     find_corners(found, centred, blend)
     image, words = found.image, blend.word
     for x in range(np.uintp(target.shape[0])):
-        b = max(image[x], np.int32(0))
-        words[x] = joined[np.uintp(b), np.uintp(blend.row[x]), np.uintp(blend.column[x])]
+        words[x] = 0
+        if image[x] >= 0:  # else there may be no quads at all
+            words[x] = joined[np.uintp(image[x]), np.uintp(blend.row[x]), np.uintp(blend.column[x])]
     weigh(found, centred, np.int32(width), blend)
     for x in range(np.uintp(target.shape[0])):
-        b = np.uintp(max(image[x], np.int32(0)))
+        if image[x] < 0:
+            target[x, 0] = target[x, 1] = target[x, 2] = 0.0
+            continue
+        b = np.uintp(image[x])
         p0, p1, p2, p3 = np.uintp(blend.p0[x]), np.uintp(blend.p1[x]), np.uintp(blend.p2[x]), np.uintp(blend.p3[x])
         w0, w1, w2, w3, scale = blend.w0[x], blend.w1[x], blend.w2[x], blend.w3[x], blend.scale[x]
         for k in range(np.uintp(3)):
             color = w0 * colors[b, p0, k] + w1 * colors[b, p1, k] + w2 * colors[b, p2, k] + w3 * colors[b, p3, k]
-            target[x, k] = color * scale if image[x] >= 0 else np.float32(0.0)
+            target[x, k] = color * scale
 
 
 @kernel(parallel=True)
