@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from torch import Tensor
@@ -14,7 +14,7 @@ from torchrender.arrays import view as numpy_view
 from torchrender.buffers import VisibilityBuffer
 from torchrender.checks import check_choice, check_tensor
 from torchrender.errors import InputError
-from torchrender.kernels.raster.draw_view import PreparedView, View
+from torchrender.kernels.raster.draw_view import View
 from torchrender.kernels.raster.records import (
     NO_EARLIER,
     NO_HOLES,
@@ -95,7 +95,7 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
     lens[:, 5] = (1.0 / intrinsics[:, (0, 1), (0, 1)]).max(axis=1)
     lens[:, 6:] = (other.eye.numpy() - view.reference) @ view.matrix.T
     size = float((1.0 / cameras.intrinsics[k, (0, 1), (0, 1)]).max())
-    return NO_EARLIER._replace(
+    return Earlier(
         ids=numpy_view(earlier.triangle, np.int64),
         pixels=np.ascontiguousarray(pixels),
         near=other.near.numpy(),
@@ -107,36 +107,6 @@ def earlier_arrays(cameras: Cameras, k: int, tests: FragmentTests, view: View) -
         ratio=float(tests.quality_ratio),
         footprint=size,
     )
-
-
-class Refused(NamedTuple):
-    """Room for what earlier images refuse before what one camera sees in the end; all zero."""
-
-    number: Tensor  # (H,W) int32 surfaces
-    nearest: (
-        Tensor  # (H,W) uint8 TOUCHING where the nearest of them towards what is seen touches it, else APART; UNSURE
-    )
-    # where only ``CameraPasses.count_nearer`` can tell both
-    eps: tuple[float, float]  # relative and absolute distance of touching surfaces
-
-
-class EarlierOf:
-    """The earlier images of one camera's passes, prepared once for those that share them."""
-
-    def __init__(self, camera: Cameras, prepared: PreparedView) -> None:
-        self._camera, self._prepared = camera, prepared
-        self._known: tuple[FragmentTests, Earlier] | None = None
-
-    def of(self, tests: FragmentTests, refused: Refused | None = None) -> Earlier:
-        """Those of ``tests``, with room for what they refuse if that is asked for."""
-        if self._known is None or self._known[0] is not tests:
-            found = earlier_arrays(self._camera, 0, tests, self._prepared.view)
-            self._known = (tests, self._prepared.told(found))
-        earlier = self._known[1]
-        if refused is None:
-            return earlier
-        room = {"number": refused.number.numpy(), "nearest": refused.nearest.numpy()}
-        return earlier._replace(**room, relative=refused.eps[0], absolute=refused.eps[1])
 
 
 def views_of(geometry: Geometry, cameras: Cameras, tests: FragmentTests | None) -> Iterator[tuple[View, Refusals]]:

@@ -23,14 +23,19 @@ from torchrender.arrays import Recycler, empty_aligned
 from torchrender.buffers import GBuffer, VisibilityBuffer
 from torchrender.checks import check_choice, check_class
 from torchrender.errors import OptionError
-from torchrender.fragment_tests import EarlierOf, Refused, limit_arrays, views_of
 from torchrender.fragment_tests import FragmentTests as FragmentTests
+from torchrender.fragment_tests import earlier_arrays, limit_arrays, views_of
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import draw_view
 from torchrender.kernels.raster.chosen import NO_ATTRIBUTES, Wanted
 from torchrender.kernels.raster.draw_view import TriangleArrays
-from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT
-from torchrender.kernels.raster.records import NO_IDS, Limits, Nearer, Stored, Visible
+from torchrender.kernels.raster.records import (
+    NO_IDS,
+    Limits,
+    Nearer,
+    Stored,
+    Visible,
+)
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
@@ -179,24 +184,14 @@ class CameraPasses:
     def __init__(self, camera: Cameras, prepared: draw_view.PreparedView) -> None:
         self._camera = camera
         self._prepared = prepared
-        self._earlier = EarlierOf(camera, prepared)
 
-    def rasterize(
-        self,
-        tests: FragmentTests,
-        room: VisibilityBuffer | None = None,
-        refused: Refused | None = None,
-    ) -> VisibilityBuffer:
-        """As :func:`rasterize_visibility`; ``room``: in its tensors.
-
-        Args:
-            refused: of a perspective camera, room for what earlier images refuse before what is seen.
-        """
+    def rasterize(self, tests: FragmentTests, room: VisibilityBuffer | None = None) -> VisibilityBuffer:
+        """As :func:`rasterize_visibility`; ``room``: in its tensors."""
         camera, prepared = self._camera, self._prepared
         shape = (1, camera.height, camera.width)
         known = {} if room is None else {name: getattr(room, name).numpy() for name in SEEN}
         images = _room(shape, known)
-        limits, earlier = limit_arrays(camera, 0, tests), self._earlier.of(tests, refused)
+        limits, earlier = limit_arrays(camera, 0, tests), earlier_arrays(camera, 0, tests, prepared.view)
         prepared.draw(limits, earlier, Visible(**{name: image[0] for name, image in images.items()}))
         return VisibilityBuffer(cameras=camera, **{name: torch.from_numpy(image) for name, image in images.items()})
 
@@ -210,10 +205,11 @@ class CameraPasses:
         camera, prepared = self._camera, self._prepared
         rows, columns = (axis.numpy() for axis in pixels)
         shape = (camera.height, camera.width)
-        keys = _cleared(shape, np.float64, rows)
+        keys = _scratch.empty(shape, np.float64)
+        keys.fill(0.0)
         keys[rows, columns] = 1.0 / beyond.numpy()
         found = Visible(**{n: _scratch.empty((*shape, *_SHAPES[n][0]), _SHAPES[n][1]) for n in SEEN})
-        earlier = self._earlier.of(tests)
+        earlier = earlier_arrays(camera, 0, tests, prepared.view)
         prepared.draw(Limits(keys, seen.triangle[0].numpy()), earlier, found, (rows, columns))
         for name, image in zip(SEEN, found, strict=True):
             getattr(seen, name).numpy()[0, rows, columns] = image[rows, columns]
@@ -245,22 +241,14 @@ class CameraPasses:
             number = np.zeros(depth.shape, np.int32) if room is None else room.numpy()
             touching.fill(False)
         else:
-            every, depth = depth, _cleared(depth.shape, np.float32, where[0])
-            number = _scratch.empty(depth.shape, np.int32)
+            every, depth, number = depth, _scratch.empty(depth.shape, np.float32), _scratch.empty(depth.shape, np.int32)
+            depth.fill(0.0)
             depth[where] = every[where]
             number[where], touching[where] = 0, False  # whatever is counted elsewhere
         found = Nearer(number, touching, worth)
         self._prepared.count(Stored(depth, seen.triangle[0].numpy()), np.array(eps), found, where)
         count, touches = torch.from_numpy(number), torch.from_numpy(touching)
         return (count[None], touches[None]) if pixels is None else (count[pixels], touches[pixels])
-
-
-def _cleared(shape: tuple[int, ...], kind: type, rows: Array) -> Array:
-    """An image that is zero in all tiles that hold pixels of these ``rows``; no others are read."""
-    image = _scratch.empty(shape, kind)
-    for top in np.unique(rows // TILE_HEIGHT) * TILE_HEIGHT:
-        image[top : top + TILE_HEIGHT] = 0
-    return image
 
 
 @contextmanager

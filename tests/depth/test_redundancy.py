@@ -15,8 +15,7 @@ from sampling_scenes import front, ring, soup, triangle, wall
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.probes import Probes, pixel_redundant
 from torchrender.depth.ray_visibility import RayVisibility
-from torchrender.fragment_tests import PIXEL_TESTS, Refused
-from torchrender.kernels.raster.lanes.refused import TOUCHING, UNSURE
+from torchrender.fragment_tests import PIXEL_TESTS
 from torchrender.raster import SEEN, FragmentTests, camera_passes, rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Mesh, concatenate
@@ -231,36 +230,3 @@ def test_a_second_look_at_some_pixels_is_the_look_at_all_of_them_there() -> None
     assert bool((behind.covered[0][asked]).any()) and not bool((behind.covered[0][asked]).all())
     for every, some in zip(*counts, strict=True):
         assert torch.equal(every[0][asked], some)
-
-
-@pytest.mark.parametrize("test", PIXEL_TESTS)
-@pytest.mark.parametrize("name", ["nest", "tree"])
-def test_what_is_refused_while_drawing_is_what_lies_before_the_samples(name: str, test: str) -> None:
-    """Of every kind of test, and of leaves with holes; a few pixels are left to counting."""
-    scene, eps = build(name, triangles=4000), (0.03, 1e-6)
-    cameras = ring(scene, 150)
-    earlier = rasterize_visibility(scene.geometry, cameras[:1], cull="back")
-    number, nearest = torch.zeros(150, 150, dtype=torch.int32), torch.zeros(150, 150, dtype=torch.uint8)
-    with camera_passes(scene.geometry, cameras[1], "back") as passes:
-        seen = passes.rasterize(FragmentTests(earlier=earlier, test=test), refused=Refused(number, nearest, eps))
-        count, touching = passes.count_nearer(seen, eps)
-    plain = rasterize_visibility(
-        scene.geometry, cameras[1], cull="back", tests=FragmentTests(earlier=earlier, test=test)
-    )
-    for field in SEEN:
-        assert torch.equal(getattr(seen, field), getattr(plain, field))
-    sure = nearest != UNSURE
-    assert float(sure.double().mean()) > 0.99
-    assert torch.equal(number[sure], count[0][sure]) and int(number.max()) > 2
-    assert torch.equal((nearest == TOUCHING)[sure], touching[0][sure])
-    assert bool(touching.any()) and int((number[sure & seen.covered[0]] > 0).sum()) > 100
-
-
-def test_copies_that_are_drawn_first_leave_no_pixel_to_chance() -> None:
-    """Where a refused copy and a new one have the same float32 depth, counting must tell which lies before."""
-    scene, camera = soup(wall(2.0), wall(2.0), wall(2.0)), front(8)
-    earlier = replace(rasterize_visibility(scene.geometry, camera), triangle=torch.zeros(1, 8, 8, dtype=torch.int64))
-    number, nearest = torch.zeros(8, 8, dtype=torch.int32), torch.zeros(8, 8, dtype=torch.uint8)
-    with camera_passes(scene.geometry, camera, "none") as passes:
-        seen = passes.rasterize(FragmentTests(earlier=earlier), refused=Refused(number, nearest, (1e-5, 1e-6)))
-    assert bool((seen.triangle > 0).all()) and bool((nearest == UNSURE).all())

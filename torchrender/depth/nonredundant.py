@@ -8,17 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchrender.arrays import Recycler
 from torchrender.buffers import VisibilityBuffer
 from torchrender.depth.options import SamplingOptions
 from torchrender.depth.samples import Samples, some_views
-from torchrender.fragment_tests import Refused
-from torchrender.kernels.raster.lanes.refused import APART, TOUCHING
 from torchrender.raster import FragmentTests, camera_passes, rasterize_into
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
-
-_memory = Recycler(1 << 24)
 
 
 def pixel_nonredundant(
@@ -26,8 +21,8 @@ def pixel_nonredundant(
 ) -> Samples:
     """The nearest non-redundant surface in every pixel, by pixel redundancy.
 
-    One rasterised pass finds it: redundant fragments never enter the depth buffer, but are counted. A second, without a
-    depth buffer, counts them where float32 depths do not tell the order.
+    One rasterised pass finds it: redundant fragments never enter the depth buffer. A second, without a depth buffer,
+    counts what was refused.
 
     Args:
         images: what image i is compared with: its first i images; None: the images found here.
@@ -64,18 +59,12 @@ def _find_nearest_new(scene: Scene, found: Samples, known: VisibilityBuffer, opt
     tests = fragment_tests(options, known)
     eps = (options.relative_tolerance, options.scene_tolerance * scene.diagonal)
     with camera_passes(scene.geometry, seen.cameras, options.cull) as passes:
+        passes.rasterize(tests, seen)
         if not options.count_layers:
-            passes.rasterize(tests, seen)
             return
-        nearest = torch.from_numpy(_memory.empty(tuple(layer.shape), np.uint8)).zero_()
-        passes.rasterize(tests, seen, Refused(layer, nearest, eps))
+        _, touching = passes.count_nearer(seen, eps, room=layer)
         depth, triangle = seen.depth[0], seen.triangle[0]
-        again = _places(nearest != APART)  # bytes other than truth values take numpy seven times as long
-        touches = nearest[again] == TOUCHING
-        unsure = _some(again, ~touches)
-        if len(unsure[0]):
-            layer[unsure], touches[~touches] = passes.count_nearer(seen, eps, unsure)
-        again = _some(again, touches)
+        again = _places(touching[0])
         again = _some(again, (triangle[again] >= 0) & (layer[again] < most))
         for _ in range(most):
             if not len(again[0]):

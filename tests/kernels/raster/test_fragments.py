@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from torchrender.kernels.raster.fragments import AGREES, CAPTURED, IDENTITY, is_hole, mark_holders, redundant_samples
-from torchrender.kernels.raster.records import NO_EARLIER, SOLID, Earlier, Holes
+from torchrender.kernels.raster.fragments import AGREES, CAPTURED, IDENTITY, is_hole, redundant_samples
+from torchrender.kernels.raster.records import SOLID, Earlier, Holes
 
 SIZE = (9, 7)  # columns, rows of the earlier images
 
@@ -34,10 +34,7 @@ def earlier_images(rng: np.random.Generator, count: int, test: int, ratio: float
     ids = rng.integers(0, 3, (count, SIZE[1], SIZE[0]))
     depth = rng.uniform(1.5, 5, (count, SIZE[1], SIZE[0])).astype(np.float32)
     near = rng.uniform(0.5, 2.0, count)
-    return cameras, NO_EARLIER._replace(
-        ids=ids, pixels=pixels, near=near, depth=depth, lenses=lenses, matrix=matrix, inverse=inverse, test=test,
-        ratio=ratio, footprint=0.1,
-    )  # fmt: skip
+    return cameras, Earlier(ids, pixels, near, depth, lenses, matrix, inverse, test, ratio, 0.1)
 
 
 def redundant(t: int, spot: np.ndarray, key: float, slope: np.ndarray, cameras, earlier: Earlier) -> bool:
@@ -130,13 +127,3 @@ def test_holes_are_the_missing_texels(wraps: tuple[int, int]) -> None:
                 row = min(int((1 - r) * len(picture)), len(picture) - 1)
                 wanted = picture[row, min(int(s * picture.shape[1]), picture.shape[1] - 1)] * opacity < SOLID
             assert is_hole(t, u, v, faces, holes) == wanted
-
-
-def test_holders_are_the_images_that_store_a_triangle() -> None:
-    """Of more images than there are bits, those that share one stand for each other."""
-    ids = np.random.default_rng(5).integers(-1, 40, (10, 2, 7))
-    holders = np.zeros(42, np.uint8)
-    mark_holders(ids, holders)
-    for t in range(42):
-        assert holders[t] == sum({1 << (j % 8) for j in range(10) if (ids[j] == t).any()})
-    assert not holders[40:].any() and len(set(holders.tolist())) > 10

@@ -10,9 +10,8 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 
 from torchrender.kernels.atomics import borrowed
 from torchrender.kernels.compile import kernel
-from torchrender.kernels.raster.fragments import has_surface, has_triangle, images_with, is_hole, only_identity
+from torchrender.kernels.raster.fragments import has_surface, has_triangle, is_hole, only_identity
 from torchrender.kernels.raster.lanes.pixels import covered_window, keep_nearest, reaches, unseen_lanes
-from torchrender.kernels.raster.lanes.refused import is_asked, note, note_lanes, note_level
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH, find_rows
 from torchrender.kernels.raster.lanes.vectors import LANES
 from torchrender.kernels.raster.project import SUBPIXEL, barycentric_planes, snapped_x, snapped_y
@@ -183,8 +182,7 @@ def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
     """
     kx, ky, kc, low, high = plane
     x0, y0, y1, left, top = box
-    keys, ids, owner, asked = buffers.keys, buffers.ids, np.int32(t), is_asked(earlier)
-    images = images_with(t, earlier)
+    keys, ids, owner = buffers.keys, buffers.ids, np.int32(t)
     seen = (earlier.ids, earlier.pixels, earlier.near)
     shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
     shift_y = top + 0.5 - (np.int64(frame.height) >> 1)
@@ -200,11 +198,9 @@ def fill_unseen(t, plane, box, frame, first, last, earlier, buffers):
             place = np.uintp(buffers.first + y * TILE_WIDTH + x)
             mask = ROW << np.uint64(max(begin - x, 0)) & ROW >> np.uint64(max(x + LANES - 1 - end, 0))
             row, spot = (base, kx, np.float64(x), low, high), (np.float64(x) + shift_x, np.float64(y) + shift_y)
-            found = unseen_lanes(keys, ids, place, mask, row + spot, (owner, images), seen)
-            if found & ROW != NO_BITS:
-                keep_nearest(keys, ids, place, found & ROW, row, owner)
-            if asked and found > ROW:
-                note_lanes(earlier.notes, place - np.uintp(buffers.first), found, row)
+            new = unseen_lanes(keys, ids, place, mask, row + spot, owner, seen)
+            if new != NO_BITS:
+                keep_nearest(keys, ids, place, new, row, owner)
     return count
 
 
@@ -217,17 +213,14 @@ def fill_unseen_window(t, plane, spot, bits, centre, earlier, keys, ids):
     kx, ky, kc, low, high = plane
     x0, y0, first = spot
     seen, owner = (earlier.ids, earlier.pixels, earlier.near), np.int32(t)
-    asked, images = is_asked(earlier), images_with(t, earlier)
     column, y = np.float64(x0), y0
     while bits != NO_BITS:
         place = np.uintp(first + y * TILE_WIDTH + x0)
         row = (kc + ky * y, kx, column, low, high)
         at = (column + centre[0], np.float64(y) + centre[1])
-        found = unseen_lanes(keys, ids, place, bits & ROW, row + at, (owner, images), seen)
-        if found & ROW != NO_BITS:
-            keep_nearest(keys, ids, place, found & ROW, row, owner)
-        if asked and found > ROW:
-            note_lanes(earlier.notes, place - np.uintp(first), found, row)
+        new = unseen_lanes(keys, ids, place, bits & ROW, row + at, owner, seen)
+        if new != NO_BITS:
+            keep_nearest(keys, ids, place, new, row, owner)
         bits >>= np.uint64(WINDOW)
         y += 1
 
@@ -246,8 +239,7 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
     limits, earlier, holes = tests
     known, pixels, near = earlier.ids, earlier.pixels, earlier.near
     limited, compared = limits.keys.shape[0] > 0, known.shape[0] > 0
-    plain, asked = compared and only_identity(earlier), is_asked(earlier)
-    compared = compared and not (plain and images_with(t, earlier) == 0)
+    plain = compared and only_identity(earlier)
     holed = holes.mask.shape[0] > 0 and holes.mask[t] >= 0
     shift_x = left + 0.5 - (np.int64(frame.width) >> 1)
     shift_y = top + 0.5 - (np.int64(frame.height) >> 1)
@@ -263,9 +255,7 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
         for x in range(np.uintp(x0 + begin), np.uintp(x0 + end + 1)):
             key = min(max(base + kx * np.float64(x), low), high)
             place = np.uintp(buffers.first + y * TILE_WIDTH) + x
-            here, at = keys[place], place - np.uintp(buffers.first)
-            if asked:
-                note_level(earlier.notes, at, key, here)
+            here = keys[place]
             if key < here or (key == here and t > ids[place]):
                 continue
             if limited:
@@ -277,13 +267,10 @@ def fill_tested(t, plane, spot, scene, frame, tests, buffers):
                 weight = 1.0 if orthographic else 1.0 / key
                 if is_hole(t, (ux * px + uy * py + uc) * weight, (vx * px + vy * py + vc) * weight, faces, holes):
                     continue
-            if compared and (
-                has_triangle(t, px, py, key, known, pixels, near)
-                if plain
-                else has_surface(t, px, py, key, (kx, ky), earlier)
-            ):
-                if asked:
-                    note(earlier.notes, at, key)
+            if plain:
+                if has_triangle(t, px, py, key, known, pixels, near):
+                    continue
+            elif compared and has_surface(t, px, py, key, (kx, ky), earlier):
                 continue
             keys[place] = key
             ids[place] = t

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from torchrender.arrays import empty_aligned
 from torchrender.kernels.compile import thread_count
 from torchrender.kernels.raster import binning, direct, many_views, project, tiles
 from torchrender.kernels.raster import count_layers as layers
 from torchrender.kernels.raster.chosen import Wanted
-from torchrender.kernels.raster.fragments import IDENTITY, mark_holders
 from torchrender.kernels.raster.lanes.rows import TILE_HEIGHT, TILE_WIDTH
-from torchrender.kernels.raster.memory import Memory
 from torchrender.kernels.raster.records import (
     Bins,
+    Buffers,
     Earlier,
     Frame,
     Holes,
@@ -29,12 +29,15 @@ from torchrender.kernels.raster.records import (
     Triangles,
     Visible,
 )
+from torchrender.kernels.raster.resolve import CACHED
 
 Array = np.ndarray[Any, Any]
 Pixels = tuple[Array, Array]  # rows and columns, int64
 Drawing = tuple[str, Holes]  # what to cull, and missing texels
 CULL = {"none": project.CULL_NONE, "sides": project.CULL_NONE, "back": project.CULL_BACK, "front": project.CULL_FRONT}
 CHUNKS_PER_THREAD = 4
+KEPT_VERTICES = 1 << 21  # 64 MiB
+KEPT_TRIANGLES = 1 << 20  # 64 MiB
 WHOLE_PIXELS = 1 << 16  # of pictures that one thread draws alone,
 FINE_PIXELS = 1 << 18  # or of those with a triangle to two pixels, whose tiles are not drawn into often
 WHOLE_ROOM = 1 << 28  # bytes that all threads may need for it
@@ -171,23 +174,10 @@ class PreparedView:
     bins: Bins
 
     def draw(self, limits: Limits, earlier: Earlier, outputs: Visible, pixels: Pixels | None = None) -> None:
-        """Fill ``outputs`` with what passes the tests; with ``pixels`` only the tiles that hold these.
-
-        Also what is asked for of ``earlier``, all zero, but without its notes.
-        """
+        """Fill ``outputs`` with what passes the tests; with ``pixels`` only the tiles that hold these."""
         buffers = _memory.buffers(thread_count())
-        if earlier.number.size:
-            earlier = earlier._replace(notes=_memory.notes(thread_count()))
         bins = self._bins(pixels)
         tiles.render_tiles(self.scene, bins, self.view.frame, limits, earlier, self.holes, buffers, outputs)
-
-    def told(self, earlier: Earlier) -> Earlier:
-        """With what is known of all triangles: which of the images have them at all."""
-        if not len(earlier.ids) or earlier.test != IDENTITY or math.isfinite(earlier.ratio):
-            return earlier
-        holders = np.zeros(len(self.scene.faces), np.uint8)
-        mark_holders(earlier.ids, holders)
-        return earlier._replace(holders=holders)
 
     def count(self, stored: Stored, eps: Array, outputs: Nearer, pixels: Pixels | None = None) -> None:
         """Fill ``outputs``, all zero; ``eps``: relative and absolute distance of touching surfaces."""
@@ -225,7 +215,70 @@ def _projected(triangles: TriangleArrays, view: View) -> InView:
     return InView(chosen, distance, points, packed)
 
 
-_memory = Memory()
+class _Memory(threading.local):
+    """Projected vertices and lists of triangles, kept from view to view by each thread.
+
+    Fresh pages cost more than what is written there.
+    """
+
+    def __init__(self) -> None:
+        self._points = np.empty((0, 4))
+        self._lists = _lists(0)
+        self._buffers = _buffers(0, 0)
+
+    @contextmanager
+    def lent(self) -> Iterator[None]:
+        """What was handed out last stays as it is while the context lasts."""
+        points, lists = self._points, self._lists
+        self._points, self._lists = np.empty((0, 4)), _lists(0)
+        try:
+            yield
+        finally:
+            self._points, self._lists = points, lists
+
+    def points(self, count: int) -> Array:
+        """Room for ``count`` projected vertices, not cleared."""
+        if count > KEPT_VERTICES:
+            return np.empty((count, 4))
+        if len(self._points) < count:
+            self._points = np.empty((count, 4))
+        return self._points
+
+    def lists(self, count: int) -> binning.Lists:
+        """Room for ``count`` triangles, not cleared."""
+        if count > KEPT_TRIANGLES:
+            return _lists(count)
+        if len(self._lists.places) < count:
+            self._lists = _lists(count)
+        return self._lists
+
+    def buffers(self, threads: int, count: int = 1) -> Buffers:
+        """A row per thread, with room for so many tiles, until the next ones are asked for; no planes are known."""
+        if self._buffers.keys.shape != (threads, count * TILE_WIDTH * TILE_HEIGHT):
+            self._buffers = _buffers(threads, count)
+        self._buffers.known.fill(-1)
+        return self._buffers
+
+
+def _buffers(threads: int, count: int) -> Buffers:
+    pixels = count * TILE_WIDTH * TILE_HEIGHT
+    sizes = ((pixels,), (pixels,), (count * tiles.BLOCKS,), (2, TILE_HEIGHT), (CACHED,), (CACHED, 6))
+    kinds = (np.float64, np.int32, np.float64, np.int64, np.int64, np.float64)
+    return Buffers(0, *(empty_aligned((threads, *size), kind) for size, kind in zip(sizes, kinds, strict=True)))
+
+
+def _lists(count: int) -> binning.Lists:
+    return binning.Lists(
+        np.empty((count, 3), np.int64),
+        np.empty(count, np.uint64),
+        np.empty(count),
+        np.empty(count, np.int32),
+        np.empty((count, 4), np.int32),
+        np.empty(count, np.int32),
+    )
+
+
+_memory = _Memory()
 
 
 def _bin(

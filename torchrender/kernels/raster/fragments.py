@@ -125,28 +125,6 @@ def has_triangle(t, px, py, key, ids, pixels, near):
     return False
 
 
-@kernel(inline=True)
-def images_with(t, earlier):
-    """Bits of the earlier images that store triangle ``t`` anywhere: bit ``j`` modulo 8 for image ``j``."""
-    return earlier.holders[np.uintp(t)] if earlier.holders.shape[0] > 0 else np.uint8(255)
-
-
-@kernel(parallel=True)
-def mark_holders(ids, holders):
-    """Fill ``holders`` (F,), all zero, with what :func:`images_with` tells of images (J,h,w)."""
-    for j in range(ids.shape[0]):
-        # All threads add the same bit, so that none takes away what another one writes; and few do so.
-        bit = np.uint8(1 << (j & 7))
-        for y in prange(ids.shape[1]):
-            row, last = borrowed(ids[j, y]), np.int64(-1)
-            for x in range(np.uintp(row.shape[0])):
-                t = row[x]
-                if t >= 0 and t != last:
-                    last = t
-                    if holders[np.uintp(t)] & bit == 0:
-                        holders[np.uintp(t)] |= bit
-
-
 @kernel()
 def has_surface(t, px, py, key, slope, earlier):
     """As :func:`has_triangle`, with the tests of section 13; ``slope``: the key's steps per pixel."""

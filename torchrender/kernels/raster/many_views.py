@@ -155,8 +155,6 @@ def draw_part(shape, found, pose, frame, how, room, canvas, outputs):
     earlier = Earlier(
         np.zeros((0, 0, 0), np.int64), np.zeros((0, 3, 4)), np.zeros(0), np.zeros((0, 0, 0), np.float32),
         np.zeros((0, 9)), np.zeros((3, 3)), np.zeros((3, 3)), 0, np.inf, 0.0,
-        np.zeros(0, np.uint8), np.zeros((0, 0)), np.zeros((0, 0), np.int32), np.zeros((0, 0), np.uint8),
-        0.0, 0.0,
     )  # fmt: skip
     clear_canvas(canvas, frame)
     scene = draw_clusters(shape, found, pose, frame, listing, Refusals(limits, earlier, holes), room, canvas)

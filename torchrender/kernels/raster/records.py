@@ -51,10 +51,7 @@ class Limits(NamedTuple):
 
 
 class Earlier(NamedTuple):
-    """J perspective images that may have a fragment already (specification 01, sections 5 and 13); J may be 0.
-
-    With room for them, also what they refuse: see ``lanes.refused``.
-    """
+    """J perspective images that may have a fragment already (specification 01, sections 5 and 13); J may be 0."""
 
     ids: np.ndarray  # (J,h,w) int64
     pixels: np.ndarray  # (J,3,4): (x, y, 1, key) of this image about its centre to homogeneous pixels over depth
@@ -66,12 +63,6 @@ class Earlier(NamedTuple):
     test: int  # IDENTITY, AGREES or CAPTURED
     ratio: float  # a copy whose footprint is this many times larger does not count
     footprint: float  # of this image per unit of depth
-    holders: np.ndarray  # (F,) uint8 images that store a triangle at all, see ``fragments.images_with``; (0,): unknown
-    notes: np.ndarray  # (NOTES,ROOM) float64; with a row per thread in front where threads take tiles
-    number: np.ndarray  # (H,W) int32 surfaces refused before what is stored; (0,0): nobody asks
-    nearest: np.ndarray  # (H,W) uint8 of these: APART, TOUCHING or UNSURE
-    relative: float  # distance of touching surfaces: this share of the depth, and ...
-    absolute: float  # ... this much
 
 
 class EarlierLens(NamedTuple):
@@ -156,12 +147,6 @@ NO_EARLIER = Earlier(
     np.zeros((3, 3)),
     0,
     np.inf,
-    0.0,
-    np.zeros(0, np.uint8),
-    np.zeros((0, 0, 0)),
-    np.zeros((0, 0), np.int32),
-    np.zeros((0, 0), np.uint8),
-    0.0,
     0.0,
 )
 NO_HOLES = Holes(np.zeros(0, np.int32), np.zeros((0, 4), np.int64), np.zeros(0, np.uint8), np.zeros((0, 3), np.float32))

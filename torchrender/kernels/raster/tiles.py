@@ -27,7 +27,6 @@ from torchrender.kernels.raster.coverage import (
 )
 from torchrender.kernels.raster.fragments import is_identity_alone, only_identity
 from torchrender.kernels.raster.lanes.pixels import least_of
-from torchrender.kernels.raster.lanes.refused import HIGHER, clear_notes, is_asked, settle
 from torchrender.kernels.raster.lanes.rows import (
     COLUMN_BITS,
     ROW_BITS,
@@ -37,7 +36,7 @@ from torchrender.kernels.raster.lanes.rows import (
     rows_reach,
 )
 from torchrender.kernels.raster.project import HALF, SUBPIXEL, key_plane
-from torchrender.kernels.raster.records import Buffers, Earlier, Refusals
+from torchrender.kernels.raster.records import Buffers, Refusals
 from torchrender.kernels.raster.resolve import resolve, resolve_blank
 from torchrender.kernels.raster.samples import SAMPLES
 
@@ -252,16 +251,14 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
     if tests.limits.keys.shape[0] > 0:
         bounds = close_pixels(tests.limits.keys, area, closed, keys)
         lowest = find_lows(keys, lows)
-    asked, tried = is_asked(tests.earlier), 0
-    if asked:
-        clear_notes(tests.earlier.notes)
+    tried = 0
     for n in range(first, end):
         entry = np.uintp(entries[np.uintp(n)])
         look_ahead(scene, np.uintp(entries[np.uintp(min(n + AHEAD, end - 1))]))
         look_at_place(scene, np.uintp(entries[np.uintp(min(n + AHEAD // 2, end - 1))]))
         high = np.inf
         if entry < np.uintp(places.shape[0]):
-            high = highs[entry] * HIGHER if asked else highs[entry]
+            high = highs[entry]
             if high < lowest:
                 continue
             bits = bits_of[entry]
@@ -285,18 +282,6 @@ def render_tile(scene, bins, frame, tests, k, buffers, outputs):
             lowest = find_lows(keys, lows)
             tried = 0
     resolve(scene, frame, area, buffers, outputs)
-    if asked:
-        settle(area, tests.earlier, outputs.depth)
-
-
-@kernel(inline=True)
-def of_thread(earlier, thread):
-    """With this thread's room for notes."""
-    return Earlier(
-        earlier.ids, earlier.pixels, earlier.near, earlier.depth, earlier.lenses, earlier.matrix, earlier.inverse,
-        earlier.test, earlier.ratio, earlier.footprint, earlier.holders, earlier.notes[thread], earlier.number,
-        earlier.nearest, earlier.relative, earlier.absolute,
-    )  # fmt: skip
 
 
 @kernel(parallel=True)
@@ -315,6 +300,4 @@ def render_tiles(scene, bins, frame, limits, earlier, holes, buffers, outputs):
             own = Buffers(
                 first, keys[thread], ids[thread], lows[thread], spans_of[thread], known[thread], planes[thread]
             )
-            render_tile(
-                scene, bins, frame, Refusals(limits, of_thread(earlier, thread), holes), order[turn], own, outputs
-            )
+            render_tile(scene, bins, frame, Refusals(limits, earlier, holes), order[turn], own, outputs)

@@ -26,7 +26,6 @@ from torchrender.kernels.raster.lanes.vectors import (
     LANES,
     QUADS,
     bits_of,
-    call,
     constant,
     half,
     halves_of,
@@ -37,9 +36,6 @@ from torchrender.kernels.raster.lanes.vectors import (
     place_of,
     splat,
 )
-
-ALIKE = 2.0**-22
-"""Share of keys by which they may differ where depths are the same float32."""
 
 
 @intrinsic
@@ -217,26 +213,20 @@ def _stored_keys(builder, key):
 
 
 @intrinsic
-def unseen_lanes(typingctx, keys, ids, place, mask, row, own, earlier):  # noqa: ARG001
-    """Mask of those of the masked pixels from ``place`` on where a triangle is nearer and in no earlier image.
+def unseen_lanes(typingctx, keys, ids, place, mask, row, t, earlier):  # noqa: ARG001
+    """Mask of those of the masked pixels from ``place`` on where triangle ``t`` is nearer and in no earlier image.
 
-    In the next LANES bits: where it is nearer, but in one; and in those behind: where float32 may not tell the two
-    depths apart.
-
-    ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre; ``own``: the
-    triangle, and the images that may have it as of ``fragments.images_with``;
+    ``row``: plane of :func:`keep_nearest`, then x and y of the first pixel's centre from the image centre;
     ``earlier``: ids (J,h,w) int64, pixels (J,3,4) and near (J,): see ``records.Earlier``.
     """
     if any(part.layout != "C" for part in earlier):
         return None
     signature = types.uint64(
-        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 7),
-        types.Tuple((types.int32, types.uint8)), earlier,
-    )  # fmt: skip
+        keys, ids, types.uintp, types.uint64, types.UniTuple(types.float64, 7), types.int32, earlier
+    )
 
     def generate(context, builder, sig, args):
-        keys_, ids_, place_, mask_, row_, own_, earlier_ = args
-        t_, holders = cgutils.unpack_tuple(builder, own_, 2)
+        keys_, ids_, place_, mask_, row_, t_, earlier_ = args
         *plane, first, y = cgutils.unpack_tuple(builder, row_, 7)
         key = key_of(builder, plane)
         here = builder.load(place_of(context, builder, sig.args[0], keys_, place_, DOUBLES))
@@ -248,7 +238,6 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, own, earlier):  # noqa:
             for k, ids in enumerate(half(builder, held, k) for k in range(HALVES))
         ]
         new = builder.and_(bits_of(builder, nearer), builder.trunc(mask_, I8))
-        level = builder.and_(_alike(builder, key, here), builder.trunc(mask_, I8))
         left = cgutils.alloca_once_value(builder, new)
         parts = zip(sig.args[6], cgutils.unpack_tuple(builder, earlier_, 3), strict=True)
         arrays = [context.make_array(kind)(context, builder, part) for kind, part in parts]
@@ -257,40 +246,18 @@ def unseen_lanes(typingctx, keys, ids, place, mask, row, own, earlier):  # noqa:
         count = cgutils.unpack_tuple(builder, arrays[0].shape, 3)[0]
         for part in range(HALVES):
             own = ir.Constant(I8, ((1 << QUADS) - 1) << (part * QUADS))
-            asked = builder.icmp_unsigned("!=", builder.and_(new, own), none)
-            with builder.if_then(builder.and_(asked, builder.icmp_unsigned("!=", holders, none))):
+            with builder.if_then(builder.icmp_unsigned("!=", builder.and_(new, own), none)):
                 lanes = (half(builder, x, part), y, _stored_keys(builder, half(builder, key, part)))
                 with cgutils.for_range(builder, count) as loop:
                     rest = builder.load(left)
-                    asked = builder.icmp_unsigned("!=", builder.and_(rest, own), none)
-                    bit = builder.shl(
-                        ir.Constant(I8, 1), builder.and_(builder.trunc(loop.index, I8), ir.Constant(I8, 7))
-                    )
-                    held = builder.icmp_unsigned("!=", builder.and_(holders, bit), none)
-                    with builder.if_then(builder.and_(asked, held)):
+                    with builder.if_then(builder.icmp_unsigned("!=", builder.and_(rest, own), none)):
                         seen = _has_triangle(builder, arrays, loop.index, lanes, owner)
                         seen = builder.zext(builder.bitcast(seen, ir.IntType(QUADS)), I8)
                         seen = builder.shl(seen, ir.Constant(I8, part * QUADS))
                         builder.store(builder.and_(rest, builder.not_(seen)), left)
-        kept = builder.load(left)
-        groups = (builder.zext(bits, I64) for bits in (kept, builder.xor(new, kept), level))
-        found = ir.Constant(I64, 0)
-        for number, bits in enumerate(groups):
-            found = builder.or_(found, builder.shl(bits, ir.Constant(I64, number * LANES)))
-        return found
+        return builder.zext(builder.load(left), I64)
 
     return signature, generate
-
-
-def _alike(builder, key, here):
-    """Bits of the lanes whose keys lie within ALIKE of each other."""
-    parts = []
-    for number in range(HALVES):
-        one, other = half(builder, key, number), half(builder, here, number)
-        apart = call(builder, f"llvm.fabs.v{QUADS}f64", FOUR_DOUBLES, [builder.fsub(one, other)])
-        most = builder.fmul(other, constant(FOUR_DOUBLES, [ALIKE] * QUADS))
-        parts.append(builder.fcmp_ordered("<=", apart, most))
-    return bits_of(builder, parts)
 
 
 @intrinsic
