@@ -11,6 +11,9 @@ from torchrender.kernels.compile import kernel
 DOWN, RIGHT = (-1, 0, -1, -1), (0, -1, -1, 1)
 """Steps to one end of the four lines through a pixel; the other end lies opposite."""
 
+MANY = 16
+"""Where more than one of so many pixels of a row may be closed, all are looked at together."""
+
 
 @kernel()
 def look_around(y, x, depth, valid, limits):
@@ -53,32 +56,27 @@ def close_pixel(y, x, found, picture):
     color[y, x, 0], color[y, x, 1], color[y, x, 2], depth[y, x] = r, g, b, 1.0 / mean
 
 
-@kernel()
-def is_seen_through(y, x, depth, valid, source, limits):
-    """Whether a pixel shows a sample behind what is on both sides, which its image does not have on both.
-
-    ``limits``: relative difference of the depths of both sides, and how much farther the pixel must be than these.
-    """
-    apart, behind = limits
-    own, z = source[y, x], np.float64(depth[y, x])
-    for k in range(2):
-        j, i, m, n = y + DOWN[k], x + RIGHT[k], y - DOWN[k], x - RIGHT[k]
-        if (source[j, i] != own or source[m, n] != own) and valid[j, i] and valid[m, n]:
-            near, far = np.float64(depth[j, i]), np.float64(depth[m, n])
-            if abs(near - far) <= apart * min(near, far) and z > (1.0 + behind) * max(near, far):
-                return True
-    return False
-
-
 @kernel(inline=True)
-def find_seams(y, valid, source, suspects):
-    """Pixels (W,) of a row within the image beside which another image is seen; no branches, so that it vectorises."""
-    up, down, last = y - np.uintp(1), y + np.uintp(1), np.uintp(suspects.shape[0] - 1)
-    suspects[0] = suspects[last] = False
+def find_own(y, picture, limits, own):
+    """Pixels (W,) of a row within the image that are valid and not seen through a surface; no branches.
+
+    Those show a sample behind what is on both sides, which its image does not have on both. ``limits``: relative
+    difference of the depths of both sides, and how much farther the pixel must be than these.
+    """
+    depth, valid, source = picture
+    up, down, last = y - np.uintp(1), y + np.uintp(1), np.uintp(own.shape[0] - 1)
+    apart, behind = limits[0], 1.0 + limits[1]
+    own[0], own[last] = valid[y, 0], valid[y, last]
     for x in range(np.uintp(1), last):
-        own = source[y, x]
-        across = (source[y, x - np.uintp(1)] != own) | (source[y, x + np.uintp(1)] != own)
-        suspects[x] = valid[y, x] & (across | (source[up, x] != own) | (source[down, x] != own))
+        left, right = x - np.uintp(1), x + np.uintp(1)
+        image, z = source[y, x], np.float64(depth[y, x])
+        a, b = np.float64(depth[up, x]), np.float64(depth[down, x])
+        c, d = np.float64(depth[y, left]), np.float64(depth[y, right])
+        through = (source[up, x] != image) | (source[down, x] != image)
+        through &= valid[up, x] & valid[down, x] & (abs(a - b) <= apart * min(a, b)) & (z > behind * max(a, b))
+        across = (source[y, left] != image) | (source[y, right] != image)
+        across &= valid[y, left] & valid[y, right] & (abs(c - d) <= apart * min(c, d)) & (z > behind * max(c, d))
+        own[x] = valid[y, x] & (not (through | across))
 
 
 @kernel(inline=True)
@@ -91,6 +89,57 @@ def find_gaps(y, own, valid, suspects):
         lines = np.uint8(own[up, x] & own[down, x]) + np.uint8(own[y, left] & own[y, right])
         lines += np.uint8(own[up, left] & own[down, right]) + np.uint8(own[up, right] & own[down, left])
         suspects[x] = ((lines > np.uint8(0)) | valid[y, x]) & (not own[y, x])
+
+
+@kernel(inline=True)
+def add_line(ends, limit, sums):
+    """A line with its ``ends`` = depths, half inverse depths and whether both count, added where it lies on a surface.
+
+    ``sums``: least, greatest and total inverse depth, number of lines.
+    """
+    near, far, half, other, there = ends
+    low, high, total, count = sums
+    good = there & (abs(near - far) <= limit * min(near, far))
+    inverse = half + other
+    low, high = min(low, inverse if good else np.inf), max(high, inverse if good else -np.inf)
+    return low, high, total + (inverse if good else 0.0), count + (1.0 if good else 0.0)
+
+
+@kernel(inline=True)
+def count_lines(y, depth, own, limits, room):
+    """:func:`look_around` of a row within the image, as far as it says whether lines agree; no branches.
+
+    ``room`` (4,W): half the inverse depths of three rows; the last becomes the number, 0 where lines differ.
+    """
+    smooth, agree = limits
+    one, last = np.uintp(1), np.uintp(depth.shape[1] - 1)
+    up, down = y - one, y + one
+    above, beside, below, counts = room[0], room[1], room[2], room[3]
+    for x in range(np.uintp(depth.shape[1])):
+        above[x] = 0.5 / np.float64(depth[up, x])
+        beside[x] = 0.5 / np.float64(depth[y, x])
+        below[x] = 0.5 / np.float64(depth[down, x])
+    for x in range(one, last):
+        p, q = x - one, x + one
+        sums = (np.inf, -np.inf, 0.0, 0.0)
+        a, b = np.float64(depth[up, x]), np.float64(depth[down, x])
+        sums = add_line((a, b, above[x], below[x], own[up, x] & own[down, x]), smooth, sums)
+        a, b = np.float64(depth[y, p]), np.float64(depth[y, q])
+        sums = add_line((a, b, beside[p], beside[q], own[y, p] & own[y, q]), smooth, sums)
+        a, b = np.float64(depth[up, p]), np.float64(depth[down, q])
+        sums = add_line((a, b, above[p], below[q], own[up, p] & own[down, q]), smooth, sums)
+        a, b = np.float64(depth[up, q]), np.float64(depth[down, p])
+        sums = add_line((a, b, above[q], below[p], own[up, q] & own[down, p]), smooth, sums)
+        mean = sums[2] / max(sums[3], 1.0)
+        alike = (abs(sums[0] - mean) <= agree * mean) & (abs(sums[1] - mean) <= agree * mean)
+        counts[x] = sums[3] if alike else 0.0
+
+
+@kernel(inline=True)
+def drop_hopeless(y, valid, fewest, suspects, counts):
+    """Leave only suspects that can be closed, or must be emptied; ``counts``: of :func:`count_lines`."""
+    for x in range(np.uintp(1), np.uintp(suspects.shape[0] - 1)):
+        suspects[x] &= valid[y, x] | (counts[x] >= fewest)
 
 
 @kernel(parallel=True)
@@ -109,20 +158,23 @@ def close(color, depth, valid, source, fewest, limits):
     for row in prange(height):
         y = np.int64(row)
         picture = borrowed((depth, valid, source))
-        for x in range(width):
-            own[y, x] = valid[y, x]
-        if not 0 < y < height - 1:
-            continue
-        suspects = np.empty(width, np.bool_)
-        find_seams(np.uintp(y), valid, source, suspects)
-        for x in range(width):
-            if suspects[x]:
-                own[y, x] = not is_seen_through(y, x, picture[0], picture[1], picture[2], (apart, agree))
+        if 0 < y < height - 1:
+            find_own(np.uintp(y), picture, (apart, agree), borrowed(own[y]))
+        else:
+            for x in range(width):
+                own[y, x] = valid[y, x]
     for row in prange(1, height - 1):
         y = np.int64(row)
         suspects = np.empty(width, np.bool_)
         find_gaps(np.uintp(y), own, valid, suspects)
         picture = borrowed((color, depth, own, source))
+        some = np.int64(0)
+        for x in range(np.uintp(width)):
+            some += np.int64(suspects[x])
+        if some * MANY > width:
+            room = np.empty((4, width))
+            count_lines(np.uintp(y), picture[1], picture[2], (smooth, agree), borrowed(room))
+            drop_hopeless(np.uintp(y), valid, fewest[0], suspects, room[3])
         for x in range(1, width - 1):
             if not suspects[x]:
                 continue

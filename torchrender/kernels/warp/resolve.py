@@ -30,7 +30,12 @@ class Blend(NamedTuple):
 
     row: np.ndarray  # (W,) int32 corner of the source image
     column: np.ndarray
-    w0: np.ndarray  # (W,) float32 weights of the four pixels around it
+    word: np.ndarray  # (W,) int32 which of the four pixels around it are of one surface: see ``corner_groups``
+    p0: np.ndarray  # (W,) int32 these pixels, or another one that is there
+    p1: np.ndarray
+    p2: np.ndarray
+    p3: np.ndarray
+    w0: np.ndarray  # (W,) float32 their weights
     w1: np.ndarray
     w2: np.ndarray
     w3: np.ndarray
@@ -43,61 +48,9 @@ def clamp(value, low, high):
 
 
 @kernel(inline=True)
-def weight_of(weight, word, k, label):
-    return weight if ((word >> (2 * k)) & 3) == label else 0.0
-
-
-@kernel(inline=True)
 def pick(b, j, i, colors):
     b, j, i = np.uintp(b), np.uintp(j), np.uintp(i)
     return colors[b, j, i, np.uintp(0)], colors[b, j, i, np.uintp(1)], colors[b, j, i, np.uintp(2)]
-
-
-@kernel(inline=True)
-def add(weight, color, total):
-    w = np.float32(weight)
-    return total[0] + w * color[0], total[1] + w * color[1], total[2] + w * color[2]
-
-
-@kernel()
-def sample(u, v, b, j, i, centred, joined, colors):
-    """Colour at source position (u, v), in quad (j,i) of image ``b``: bilinear among the pixels of its surface."""
-    if centred:
-        # The quad lies around corner (j+1, i+1); pixel 0 or else pixel 1 around it leads the group that is drawn.
-        row, column = j + 1, i + 1
-        k = 0 if joined[b, row, column] & 256 else 1
-        near_row, near_column = j + 1 - k, i + 1
-    else:
-        u, v = clamp(u, float(i), i + 1.0), clamp(v, float(j), j + 1.0)
-        row, column = j + int(v - j >= 0.5), i + int(u - i >= 0.5)
-        k = (1 if column == i else 2) if row > j else (0 if column == i else 3)
-        near_row, near_column = j, i
-    word = joined[np.uintp(b), np.uintp(row), np.uintp(column)]
-    label = (word >> (2 * k)) & 3
-    x, y = clamp(u - (column - 0.5), 0.0, 1.0), clamp(v - (row - 0.5), 0.0, 1.0)
-    w0, w1 = weight_of(x * y, word, 0, label), weight_of(x * (1.0 - y), word, 1, label)
-    w2, w3 = weight_of((1.0 - x) * (1.0 - y), word, 2, label), weight_of((1.0 - x) * y, word, 3, label)
-    total = w0 + w1 + w2 + w3
-    if total <= 1e-6:
-        return pick(b, near_row, near_column, colors)
-    color = add_some((w0, w1, w2, w3), b, row, column, colors)
-    scale = np.float32(1.0 / total)
-    return color[0] * scale, color[1] * scale, color[2] * scale
-
-
-@kernel(inline=True)
-def add_some(weights, b, row, column, colors):
-    """Weighted sum of those of the four pixels around corner (row,column) whose weight is not 0."""
-    color = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
-    if weights[0] > 0.0:
-        color = add(weights[0], pick(b, row, column, colors), color)
-    if weights[1] > 0.0:
-        color = add(weights[1], pick(b, row - 1, column, colors), color)
-    if weights[2] > 0.0:
-        color = add(weights[2], pick(b, row - 1, column - 1, colors), color)
-    if weights[3] > 0.0:
-        color = add(weights[3], pick(b, row, column - 1, colors), color)
-    return color
 
 
 @kernel(inline=True)
@@ -161,53 +114,78 @@ def place(y, back, bias, near_far, found):
 
 
 @kernel(inline=True)
-def weigh(found, centred, blend):
-    """Corner of each pixel and what the four samples around it count, were they of one surface; no branches."""
-    rows, columns, w0, w1, w2, w3, scale = blend
+def find_corners(found, centred, blend):
+    """The corner of the source image that each pixel is nearest to: colours are blended around it; no branches."""
+    rows, columns = blend.row, blend.column
     _, js, i_s, _, us, vs = found
     for n in range(np.uintp(js.shape[0])):
         j, i = np.float64(js[n]), np.float64(i_s[n])
-        u, v = us[n], vs[n]
-        cu, cv = clamp(u, i, i + 1.0), clamp(v, j, j + 1.0)
-        row = j + (1.0 if centred | (cv - j >= 0.5) else 0.0)
-        column = i + (1.0 if centred | (cu - i >= 0.5) else 0.0)
-        u, v = u if centred else cu, v if centred else cv
-        x, y = clamp(u - (column - 0.5), 0.0, 1.0), clamp(v - (row - 0.5), 0.0, 1.0)
-        a, b, c, d = x * y, x * (1.0 - y), (1.0 - x) * (1.0 - y), (1.0 - x) * y
-        rows[n], columns[n] = np.int32(row), np.int32(column)
-        w0[n], w1[n], w2[n], w3[n] = a, b, c, d
-        scale[n] = 1.0 / (a + b + c + d)
+        below = centred | (clamp(vs[n], j, j + 1.0) - j >= 0.5)
+        right = centred | (clamp(us[n], i, i + 1.0) - i >= 0.5)
+        rows[n], columns[n] = js[n] + np.int32(below), i_s[n] + np.int32(right)
 
 
 @kernel(inline=True)
-def blended(n, b, blend, colors):
-    """Colour of pixel ``n`` of the row, whose four samples are of one surface."""
-    row, column = np.int64(blend.row[n]), np.int64(blend.column[n])
-    color = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
-    color = add(blend.w0[n], pick(b, row, column, colors), color)
-    color = add(blend.w1[n], pick(b, row - 1, column, colors), color)
-    color = add(blend.w2[n], pick(b, row - 1, column - 1, colors), color)
-    color = add(blend.w3[n], pick(b, row, column - 1, colors), color)
-    scale = blend.scale[n]
-    return color[0] * scale, color[1] * scale, color[2] * scale
+def weigh(found, centred, width, blend):
+    """Which samples each pixel blends, and how much they count: bilinear among those around its corner that are of the
+    surface it shows, or that alone. No branches.
+
+    ``width``: columns of the source images. Of pixels that show nothing, anything.
+    """
+    rows, columns, words, p0, p1, p2, p3, w0, w1, w2, w3, scale = blend
+    _, js, i_s, _, us, vs = found
+    three, none = np.int32(3), 0.0
+    for n in range(np.uintp(js.shape[0])):
+        j, i, word = np.float64(js[n]), np.float64(i_s[n]), words[n]
+        below, right = rows[n] > js[n], columns[n] > i_s[n]
+        # The quad of a centred one lies around its corner: pixel 0 or else pixel 1 leads the group that is drawn.
+        second = (word & np.int32(256)) == 0
+        turn = np.int32(2) if below else np.int32(0)
+        turn = (np.int32(4) if below else np.int32(6)) if right else turn
+        turn = (np.int32(2) if second else np.int32(0)) if centred else turn
+        label = np.int32(word >> turn) & three
+        u, v = us[n], vs[n]
+        u, v = u if centred else clamp(u, i, i + 1.0), v if centred else clamp(v, j, j + 1.0)
+        x, y = clamp(u - (columns[n] - 0.5), 0.0, 1.0), clamp(v - (rows[n] - 0.5), 0.0, 1.0)
+        a = x * y if ((word & three) == label) else none
+        b = x * (1.0 - y) if (((word >> np.int32(2)) & three) == label) else none
+        c = (1.0 - x) * (1.0 - y) if (((word >> np.int32(4)) & three) == label) else none
+        d = (1.0 - x) * y if (((word >> np.int32(6)) & three) == label) else none
+        total = a + b + c + d
+        some = total > 1e-6
+        near_row = js[n] + (np.int32(0) if second else np.int32(1)) if centred else js[n]
+        near_column = i_s[n] + np.int32(1) if centred else i_s[n]
+        near = near_row * width + near_column
+        place = rows[n] * width + columns[n]
+        p0[n] = place if some & (a > 0.0) else near
+        p1[n] = place - width if some & (b > 0.0) else near
+        p2[n] = place - width - np.int32(1) if some & (c > 0.0) else near
+        p3[n] = place - np.int32(1) if some & (d > 0.0) else near
+        w0[n], w1[n], w2[n], w3[n] = a if some else 1.0, b if some else none, c if some else none, d if some else none
+        scale[n] = 1.0 / total if some else 1.0
 
 
 @kernel(inline=True)
 def color_row(found, quads, colors, blend, target):
-    """Bilinear colours (W,3) of a row."""
-    _, _, joined, centred = quads
-    weigh(found, centred, blend)
+    """Bilinear colours (W,3) of a row; ``colors`` (B,H*W,3), ``quads`` = joined, centred, columns of an image."""
+    joined, centred, width = quads
+    find_corners(found, centred, blend)
+    image, words = found.image, blend.word
     for x in range(np.uintp(target.shape[0])):
-        b = np.int64(found.image[x])
-        result = (np.float32(0.0), np.float32(0.0), np.float32(0.0))
-        if b >= 0:
-            word = joined[np.uintp(b), np.uintp(blend.row[x]), np.uintp(blend.column[x])]
-            if word & 255 == 0:  # the usual corner: all four are there and of one surface
-                result = blended(x, b, blend, colors)
-            else:
-                j, i = np.int64(found.row[x]), np.int64(found.column[x])
-                result = sample(found.u[x], found.v[x], b, j, i, centred, joined, colors)
-        target[x, 0], target[x, 1], target[x, 2] = result
+        words[x] = 0
+        if image[x] >= 0:  # else there may be no quads at all
+            words[x] = joined[np.uintp(image[x]), np.uintp(blend.row[x]), np.uintp(blend.column[x])]
+    weigh(found, centred, np.int32(width), blend)
+    for x in range(np.uintp(target.shape[0])):
+        if image[x] < 0:
+            target[x, 0] = target[x, 1] = target[x, 2] = 0.0
+            continue
+        b = np.uintp(image[x])
+        p0, p1, p2, p3 = np.uintp(blend.p0[x]), np.uintp(blend.p1[x]), np.uintp(blend.p2[x]), np.uintp(blend.p3[x])
+        w0, w1, w2, w3, scale = blend.w0[x], blend.w1[x], blend.w2[x], blend.w3[x], blend.scale[x]
+        for k in range(np.uintp(3)):
+            color = w0 * colors[b, p0, k] + w1 * colors[b, p1, k] + w2 * colors[b, p2, k] + w3 * colors[b, p3, k]
+            target[x, k] = color * scale
 
 
 @kernel(parallel=True)
@@ -221,9 +199,14 @@ def resolve(keys, quads, back, bias, near_far, colors, smooth, outputs):
     rows, columns, joined, centred = quads
     color, depth, valid, source = outputs
     height, width = depth.shape
+    flat = colors.reshape((colors.shape[0], colors.shape[1] * colors.shape[2], 3))
     for n in prange(height):
         y = np.int64(n)
-        words, numbers, weights = np.empty((5, width), np.int32), np.zeros((3, width)), np.empty((5, width), np.float32)
+        words, numbers, weights = (
+            np.empty((10, width), np.int32),
+            np.zeros((3, width)),
+            np.empty((5, width), np.float32),
+        )
         found = Found(words[0], words[1], words[2], numbers[0], numbers[1], numbers[2])
         read_keys(keys[y * width : (y + 1) * width], rows, columns, found)
         place(np.float64(y) + 0.5, back, bias, near_far, found)
@@ -231,8 +214,11 @@ def resolve(keys, quads, back, bias, near_far, colors, smooth, outputs):
             b = found.image[x]
             depth[y, x], valid[y, x], source[y, x] = found.depth[x], b >= 0, b
         if smooth:
-            blend = Blend(words[3], words[4], weights[0], weights[1], weights[2], weights[3], weights[4])
-            color_row(found, (rows, columns, borrowed(joined), centred), borrowed(colors), blend, color[y])
+            blend = Blend(
+                words[3], words[4], words[5], words[6], words[7], words[8], words[9],
+                weights[0], weights[1], weights[2], weights[3], weights[4],
+            )  # fmt: skip
+            color_row(found, (borrowed(joined), centred, colors.shape[2]), borrowed(flat), blend, color[y])
             continue
         for x in range(np.uintp(width)):
             b, j, i = np.int64(found.image[x]), np.int64(found.row[x]), np.int64(found.column[x])
