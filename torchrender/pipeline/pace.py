@@ -122,6 +122,7 @@ class Pace:
     known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
     search: Search | None = field(default=None, compare=False)  # that the last picture was made by
     hunt: object = field(default=None, compare=False)  # another one that has begun (:mod:`torchrender.planning.ahead`)
+    repeated: object = field(default=None, compare=False)  # plans for one like it (planning.repeated)
 
     def beside(self, looking: bool) -> dict[str, float]:
         """Milliseconds, by name, that a picture which makes no search is expected to pay beside its passes; of sensing

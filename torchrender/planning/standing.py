@@ -188,6 +188,19 @@ def _holds(
     return fits and (needed_ms + again_ms > budget or not _moved(cost, search.cost))
 
 
+def still_holds(
+    knowledge: Knowledge, last: Search, wishes: tuple[float | None, float | None], cost: Cost, spent_ms: float
+) -> bool:
+    """A whole picture by a choice, which now costs so much, does not ask for another one."""
+    due = _is_due(knowledge, last, wishes, spent_ms + cost[0])
+    return not due and _holds(knowledge, last, wishes, cost, spent_ms, False)
+
+
+def still_in_time(budget: float, needed_ms: float) -> bool:
+    """What was foreseen of a picture, as far as it goes, is kept: nothing asks to choose anew in the middle of it."""
+    return needed_ms <= TOLERANCE * budget
+
+
 def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Search | None:
     """The search of an earlier place, with what it expected of the passes that are left."""
     if before.search is None:
