@@ -129,11 +129,14 @@ class Run:
             done = {name: took[name] for name in self.done}
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
             pace = self.knowledge.pace
-            usual = pace.beside(self._looks if done else pace.looks_next)
+            if not done:
+                self.plans, self.last = Plans(self.knowledge, self.limits), Repeated.of(self.knowledge, self.limits)
+            usual = pace.beside(self._looks if done else pace.looks_next, self.last is not None)
             spent += sum(max(0.0, told - took.get(name, 0.0)) for name, told in usual.items())
             spent += 0.0 if done else pace.known.get(UNPRICED, 0.0)
             again = self._repeated(tuple(done), spent)
             if again is None:
+                self.last = None
                 before = self.plan if done else None
                 self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
                 if self.plan.ahead:
@@ -149,12 +152,10 @@ class Run:
 
     def _repeated(self, done: tuple[str, ...], spent_ms: float) -> Made | None:
         """The last picture's plan at this place, if this one repeats it."""
-        if not done:
-            self.plans = Plans(self.knowledge, self.limits)
-            self.last = Repeated.of(self.knowledge, self.limits)
-            return None if self.last is None else self.last.first(self.knowledge, spent_ms)
         if self.last is None:
             return None
+        if not done:
+            return self.last.first(self.knowledge, spent_ms)
         now = Made(self.plans.found, self.plan, self.graph, {})
         return self.last.later(self.knowledge, now, done, spent_ms)
 
@@ -292,7 +293,7 @@ class Run:
         pace = pace.learned_all(times)
         took, told = sum(ms for ms, raw in times.values() if raw > 0.0), sum(raw for _, raw in times.values())
         spent = self.clock.elapsed_ms
-        own = {**pace.hurried(took, told), **beside(known, spent, self._stands, bool(self.searches))}
+        own = pace.hurried(took, told) | beside(known, spent, self.searches, self.last is not None)
         own |= unpriced(known, plan, spent, self.untypical)
         learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
         pace = replace(self._missed(pace), choice=settings, known=learned, search=self._search(plan))

@@ -48,6 +48,9 @@ BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
 """Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
 
+REPEATING, FIRST_REPEATING = "milliseconds of a plan that is repeated", 0.5
+"""Quantity that a sequence learns: the plan of a picture that is made as the last one was; and before it is known."""
+
 LOOKS = 4
 """Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
 
@@ -124,10 +127,11 @@ class Pace:
     hunt: object = field(default=None, compare=False)  # another one that has begun (:mod:`torchrender.planning.ahead`)
     repeated: object = field(default=None, compare=False)  # plans for one like it (planning.repeated)
 
-    def beside(self, looking: bool) -> dict[str, float]:
+    def beside(self, looking: bool, repeats: bool = False) -> dict[str, float]:
         """Milliseconds, by name, that a picture which makes no search is expected to pay beside its passes; of sensing
-        if it is ``looking``."""
-        return {name: self.known.get(known, 0.0) for name, known in BESIDE.items() if looking or name != "senses"}
+        if it is ``looking``, and of the plan less where it ``repeats`` the last one's."""
+        found = {name: self.known.get(known, 0.0) for name, known in BESIDE.items() if looking or name != "senses"}
+        return found | {"plan": self.known.get(REPEATING, FIRST_REPEATING)} if repeats else found
 
     @property
     def looks_next(self) -> bool:

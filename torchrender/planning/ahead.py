@@ -19,6 +19,7 @@ from torchrender.planning.choices import chosen, looked_ahead
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.planner import search_of, settled
 from torchrender.planning.question import Question
+from torchrender.planning.repeated import Repeated, in_advance
 from torchrender.planning.search import Choice, Found, best_of, choice_of, headroom, in_order, looked, loyal, pool_of
 from torchrender.planning.standing import PICTURES, is_due_after, searching_of
 from torchrender.scene.camera import Cameras
@@ -114,7 +115,8 @@ def go_on(knowledge: Knowledge, kept: RenderHistory, budget_ms: float, clock: St
             else:
                 search = _ended(hunt, kept.pictures)
                 known = {**pace.known, SEARCHING: sum(hunt.took_ms)}
-                return replace(pace, search=search, hunt=None, known=known)
+                pace = replace(pace, search=search, hunt=None, known=known)
+                return replace(pace, repeated=_planned(knowledge, replace(kept, pace=pace), budget_ms))
         hunt = replace(hunt, took_ms=(*hunt.took_ms, clock.elapsed_ms[NAME] - before))
     return replace(pace, hunt=hunt)
 
@@ -148,8 +150,24 @@ def _begun(knowledge: Knowledge, kept: RenderHistory, budget_ms: float) -> Hunt:
     # The second picture knows how fast the machine is, and looks around for those that follow where that serves them.
     once = 1.0 / PICTURES if kept.pictures < 2 else 1.0
     question = Question.about(known, options, near=True, careful=True, share_once=once)
-    spent_ms = sum(pace.beside(False).values()) + pace.known.get(UNPRICED, 0.0)
+    spent_ms = sum(pace.beside(False, _stands_still(knowledge)).values()) + pace.known.get(UNPRICED, 0.0)
     return Hunt.of(question, budget_ms, spent_ms)
+
+
+def _stands_still(knowledge: Knowledge) -> bool:
+    """The eye, and all meshes, were where they are in the picture before, too."""
+    outlook = knowledge.outlook
+    now, before = outlook.cameras.camera_from_world, outlook.history.seen_from
+    return before is not None and torch.equal(before.camera_from_world, now) and not outlook.history.moves
+
+
+def _planned(knowledge: Knowledge, kept: RenderHistory, budget_ms: float) -> Repeated | None:
+    """The plan of the next picture, if it is like this one."""
+    scene, search = kept.given, None if kept.pace is None else kept.pace.search
+    if scene is None or search is None or not _stands_still(knowledge):
+        return None
+    known = Knowledge.of(scene, knowledge.outlook.cameras, knowledge.outlook.options, kept, knowledge.curves)
+    return in_advance(known, (budget_ms, None), search)
 
 
 def _moved_on(cameras: Cameras, length: float) -> Cameras:

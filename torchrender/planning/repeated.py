@@ -17,6 +17,7 @@ from torchrender.pipeline.pace import Pace, Search, alike
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.graph import AnyBuffer, Graph
 from torchrender.planning.plan import Plan, PlanRow
+from torchrender.planning.planner import make_plan
 from torchrender.planning.standing import Cost, still_holds, still_in_time
 from torchrender.scene.camera import Cameras
 
@@ -43,9 +44,8 @@ class Plans:
 
     def add(self, done: tuple[str, ...], knowledge: Knowledge, plan: Plan, graph: Graph) -> None:
         """Another plan of it, by what is known then."""
-        pace, self.found = knowledge.pace, knowledge.outlook.known
-        ratios = {row.name: pace.ratio(row.name, row.setting) for row in plan.running}
-        self.made[done] = Made(self.found, plan, graph, ratios)
+        self.found = knowledge.outlook.known
+        self.made[done] = _made(knowledge, plan, graph)
 
     def for_next(self, lasting: Iterable[AnyBuffer]) -> Repeated | None:
         """For the next picture; None where the choice does not stand yet, or this one made what that will not.
@@ -61,16 +61,7 @@ class Plans:
         stood = past.seen_from is not None and _seen_alike(past.seen_from, outlook.cameras) and not past.moves
         if made_anew or chosen or going_on or not stood or outlook.samples is not None:
             return None
-        return Repeated(
-            about=(past.given, self.knowledge.curves, *_asked(self.knowledge)),
-            cameras=outlook.cameras,
-            options=outlook.options,
-            kept=frozenset(past.kept),
-            sequence=past.sequence,
-            wishes=self.wishes,
-            search=first.search,
-            made=self.made,
-        )
+        return Repeated.by(self.knowledge, self.wishes, self.made)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,6 +76,21 @@ class Repeated:
     wishes: Wishes
     search: Search | None  # that the picture stood by
     made: Mapping[tuple[str, ...], Made]
+
+    @classmethod
+    def by(cls, knowledge: Knowledge, wishes: Wishes, made: Mapping[tuple[str, ...], Made]) -> Repeated:
+        """Plans that were made by what is known."""
+        outlook = knowledge.outlook
+        return cls(
+            about=(outlook.history.given, knowledge.curves, *_asked(knowledge)),
+            cameras=outlook.cameras,
+            options=outlook.options,
+            kept=frozenset(outlook.history.kept),
+            sequence=outlook.history.sequence,
+            wishes=wishes,
+            search=made[()].plan.search,
+            made=made,
+        )
 
     @classmethod
     def of(cls, knowledge: Knowledge, wishes: Wishes) -> Repeated | None:
@@ -126,6 +132,24 @@ class Repeated:
         if self.wishes[0] is not None and not still_in_time(self.wishes[0], spent_ms + left_ms):
             return None
         return found._replace(plan=replace(found.plan, search=now.plan.search))
+
+
+def in_advance(knowledge: Knowledge, wishes: Wishes, search: Search) -> Repeated | None:
+    """The first plan of the next picture, where it repeats the last one but for the settings of a new search.
+
+    Args:
+        knowledge: before that picture.
+    """
+    plan = make_plan(knowledge, knowledge.outlook.options, *wishes)
+    if plan.search is None or plan.search.settings is not search.settings:
+        return None
+    plan = replace(plan, search=search)
+    return Repeated.by(knowledge, wishes, {(): _made(knowledge, plan, knowledge.graph(plan.options))})
+
+
+def _made(knowledge: Knowledge, plan: Plan, graph: Graph) -> Made:
+    ratios = {row.name: knowledge.pace.ratio(row.name, row.setting) for row in plan.running}
+    return Made(knowledge.outlook.known, plan, graph, ratios)
 
 
 def _asked(knowledge: Knowledge) -> tuple[object, ...]:

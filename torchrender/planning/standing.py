@@ -241,9 +241,7 @@ def is_due_after(pace: Pace, pictures: int, budget: float, took_ms: float, error
         return last.pictures >= (1 if last.possible or pictures <= EARLY else PICTURES)
     if error is not None and not _about(error, last.cost[1]):
         return last.pictures >= max(min(PICTURES, searching_of(pace) / (SHARE * budget)), 1)
-    if took_ms >= FILLED * room or last.pictures < min(PICTURES, pictures // 2):
-        return False
-    return pictures <= EARLY or last.pictures >= PICTURES
+    return took_ms < FILLED * room and last.pictures >= min(PICTURES, pictures // 2)
 
 
 def searching_of(pace: Pace) -> float:

@@ -80,7 +80,7 @@ FAULTS: tuple[Fault, ...] = (
         ("cameras = _moved_on(cameras, STEP * scene.diagonal)", "pass"),
         ("return hunt.budget_ms == budget_ms and same and", "return same and"),
         ("best_of(pool, 1, QUICKER * self.limit_ms)", "best_of(pool, 1, 2.0 * self.limit_ms)"),
-        ("sum(pace.beside(False).values()) + pace.known.get(UNPRICED, 0.0)", "0.0"),
+        ("sum(pace.beside(False, _stands_still(knowledge)).values()) + pace.known.get(UNPRICED, 0.0)", "0.0"),
     ),
     *faults("planner", P + "planning/standing.py", "tests/planning",
         ("if before is None and _is_due(", "if False and _is_due("),
