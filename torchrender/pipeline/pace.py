@@ -97,6 +97,11 @@ class Search:
         """What to go back to from another one: this, where pictures stood by it, else what they stood by before."""
         return replace(self, earlier=None) if self.pictures and self.possible else self.earlier
 
+    @property
+    def quickly(self) -> list[Search]:
+        """The same for less and less time."""
+        return [] if self.quicker is None else [self.quicker, *self.quicker.quickly]
+
     def is_of(self, wishes: tuple[float | None, float | None], asked: RenderOptions) -> bool:
         """It was about the same."""
         return self.wishes == wishes and (asked is self.asked or alike(asked, self.asked))

@@ -15,7 +15,7 @@ from torchrender.clock import StepClock
 from torchrender.passes.settings import Setting
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import SEARCHING, TOLERANCE, UNPRICED, Pace, Search, alike
-from torchrender.planning.choices import chosen, looked_ahead
+from torchrender.planning.choices import chosen, looked_ahead, paid_once
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.planner import search_of, settled
 from torchrender.planning.question import Question
@@ -36,8 +36,8 @@ MOST = 0.97
 STEP = 1e-3
 """Of the scene's diagonal that eyes are taken to move from one picture to the next, if they do."""
 
-QUICKER = 0.6
-"""Of the time of passes: what is chosen beside that."""
+QUICKER = (0.85, 0.6)
+"""Of the time of passes: what is chosen beside that, for where it turns out too slow by a little, and by more."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,9 +78,9 @@ class Hunt:
         return choice_of(self.question, found, self.spent_ms, self.best is not None)
 
     def quicker(self) -> list[Choice]:
-        """Choices that take much less, and the least: for where the machine turns out to be slower."""
+        """Choices that take less, and the least: for where the machine turns out to be slower."""
         pool = pool_of(self.question)
-        found = [best_of(pool, 1, QUICKER * self.limit_ms), best_of(pool, 0, float("inf"))]
+        found = [*(best_of(pool, 1, share * self.limit_ms) for share in QUICKER), best_of(pool, 0, float("inf"))]
         return [choice_of(self.question, one, self.spent_ms, True) for one in found if one is not None]
 
 
@@ -113,7 +113,7 @@ def go_on(knowledge: Knowledge, kept: RenderHistory, budget_ms: float, clock: St
             elif hunt.left:
                 hunt = hunt.on()
             else:
-                search = _ended(hunt, kept.pictures)
+                search = _ended(hunt, kept.pictures, _stands_still(knowledge))
                 known = {**pace.known, SEARCHING: sum(hunt.took_ms)}
                 pace = replace(pace, search=search, hunt=None, known=known)
                 return replace(pace, repeated=_planned(knowledge, replace(kept, pace=pace), budget_ms))
@@ -184,12 +184,14 @@ def _outdated(kept: RenderHistory) -> RenderHistory:
     return replace(kept, kept=parts)
 
 
-def _ended(hunt: Hunt, pictures: int) -> Search:
-    """What the pictures that follow stand by."""
+def _ended(hunt: Hunt, pictures: int, still: bool) -> Search:
+    """What the pictures that follow stand by; ``still``: they may be like the last one."""
     question, wishes = hunt.question, (hunt.budget_ms, None)
     choice, made = hunt.choice(), None
     if pictures < 2 and question.knowledge.outlook.history.sequence:
         made = looked_ahead(question, choice, hunt.budget_ms, (hunt.spent_ms, hunt.spent_ms))
+    elif still:
+        made = paid_once(question, choice, hunt.budget_ms, hunt.spent_ms)
     search = search_of(question.knowledge, wishes, made or chosen(question, choice))
     quicker: Search | None = None
     for other in reversed(hunt.quicker() if choice.possible else ()):

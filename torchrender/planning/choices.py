@@ -11,7 +11,7 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.foresight import LEAST
 from torchrender.planning.question import Question
 from torchrender.planning.rows import expected_of, most_of, rows_of
-from torchrender.planning.search import Choice, choose, fits
+from torchrender.planning.search import LOYALTY, Choice, choose, fits
 from torchrender.planning.standing import PICTURES, Standing
 
 ROUNDS = 6
@@ -126,6 +126,29 @@ def looked_ahead(
         if found.choice.predicted_ms - choice.predicted_ms <= MOST * budget_ms:
             return found
     return None
+
+
+def paid_once(question: Question, choice: Choice, budget_ms: float, spent_ms: float) -> Standing | None:
+    """A better choice for pictures that stay where they are, which only what lasts keeps from fitting a budget: one of
+    them makes that, and is late.
+
+    Args:
+        choice: that keeps the budget, or is the quickest.
+
+    Returns:
+        None where there is none, the picture would be very late, or one has been late a short while ago.
+    """
+    if question.knowledge.pace.wary:
+        return None
+    aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), budget_ms, None, spent_ms)
+    better = not choice.possible or aim.predicted_error * LOYALTY < choice.predicted_error
+    if not (aim.possible and better):
+        return None
+    found = chosen(question, replace(aim, possible=False))
+    taken = spent_ms + sum(row.predicted_ms or 0.0 for row in found.rows if row.runs)
+    if taken > (1.0 + MOST) * budget_ms:
+        return None
+    return found._replace(choice=replace(found.choice, predicted_ms=taken, possible=taken <= budget_ms))
 
 
 def _richer(question: Question, choice: Choice, ahead: Buffers, wish: tuple[float | None, float]) -> Standing:

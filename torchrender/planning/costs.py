@@ -117,7 +117,7 @@ class Knowledge:
             best = min(self._error(step, s).error for s in step.settings.names)
             found = found._replace(error=max(found.error - best, 0.0))
         factor = self.curves.joint(options).factor if self.unseen else self.curves.own_factor(self.name)
-        if self.unseen and setting != step.off:
+        if setting in step.patterns or (self.unseen and setting != step.off):
             factor *= min(options.supersample, 1.0) ** -step.coarsens
         return found if factor == 1.0 else found._replace(error=min(factor * found.error, 1.0))
 

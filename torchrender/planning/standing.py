@@ -134,18 +134,19 @@ def _instead(knowledge: Knowledge, options: RenderOptions, slow: Standing, spent
     assert last is not None and slow.search is not None and last.wishes[0] is not None
     left = headroom(knowledge.pace) * last.wishes[0] - spent_ms
     grown = slow.search.cost[0] / max(last.cost[0], 1e-3)
-    quicker = last.quicker
-    others = [one for one in (quicker, last.earlier, None if quicker is None else quicker.quicker) if one is not None]
+    others = last.quickly
+    others[1:1] = [last.earlier] if last.earlier is not None else []
     fitting = [one for one in others if grown * one.cost[0] <= left]
+    stood = 1
     for one in fitting[:1] or sorted(others, key=lambda one: one.cost[0])[:1]:
         made = _chosen_by(knowledge, options, one, ())
         found = None if made is None else _priced(knowledge, one, made, ((), spent_ms), True)
         if found is not None and found.choice.predicted_ms < slow.choice.predicted_ms:
-            slow = found
+            slow, stood = found, PICTURES  # it is coarse: a search is due as soon as there is time for it
     assert slow.search is not None
     fits = slow.choice.predicted_ms <= FULL * headroom(knowledge.pace) * last.wishes[0]
     return slow._replace(
-        choice=replace(slow.choice, possible=fits), search=replace(slow.search, possible=fits, pictures=1)
+        choice=replace(slow.choice, possible=fits), search=replace(slow.search, possible=fits, pictures=stood)
     )
 
 

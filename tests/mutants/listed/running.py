@@ -79,7 +79,7 @@ FAULTS: tuple[Fault, ...] = (
         ("all_of_it = kept.pictures < 2 or (took_ms", "all_of_it = False and (took_ms"),
         ("cameras = _moved_on(cameras, STEP * scene.diagonal)", "pass"),
         ("return hunt.budget_ms == budget_ms and same and", "return same and"),
-        ("best_of(pool, 1, QUICKER * self.limit_ms)", "best_of(pool, 1, 2.0 * self.limit_ms)"),
+        ("best_of(pool, 1, share * self.limit_ms)", "best_of(pool, 1, 2.0 * self.limit_ms)"),
         ("sum(pace.beside(False, _stands_still(knowledge)).values()) + pace.known.get(UNPRICED, 0.0)", "0.0"),
     ),
     *faults("planner", P + "planning/standing.py", "tests/planning",
