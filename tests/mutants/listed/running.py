@@ -72,7 +72,7 @@ FAULTS: tuple[Fault, ...] = (
         ("if is_seen(step, graph) else NOTHING", "if True else NOTHING"),
     ),
     *faults("planner", P + "planning/costs.py", "tests/planning/test_foresight.py",
-        ("factor *= min(options.supersample, 1.0) ** -step.coarsens", "pass"),
+        ("factor *= coarsening(step, options)", "pass"),
     ),
     *faults("planner", P + "planning/ahead.py", "tests/planning",
         ("while all_of_it or clock.elapsed_ms", "while True or clock.elapsed_ms"),
