@@ -117,7 +117,7 @@ def stood(pictures: int, *, possible: bool = True, error: float = 0.1) -> Pace:
     (30, stood(1), 1.01 * FULL * HEADROOM * 100.0, True), (30, stood(0), 120.0, False),
     (30, stood(1, possible=False), 300.0, False), (30, stood(PICTURES, possible=False), 300.0, True),
     (30, stood(PICTURES - 4), 50.0, False),
-    (10, stood(6), 50.0, False),
+    (10, stood(4), 50.0, False), (10, stood(5), 50.0, True),
     (30, stood(PICTURES - 4, error=0.2), 50.0, True), (30, stood(2, error=0.2), 50.0, False),
 ])  # fmt: skip
 def test_when_another_search_is_due(pictures: int, pace: Pace, took: float, due: bool) -> None:
