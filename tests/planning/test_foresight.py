@@ -200,7 +200,7 @@ def test_passes_sense_only_where_it_helps() -> None:
 
 
 def test_errors_of_what_looks_from_few_pixels_grow_as_these_part() -> None:
-    """Of ambient visibility, which fewer rendered pixels look from; where errors are known, of rays that share blocks."""
+    """Of ambient visibility, which looks from fewer; where errors are known, of rays that share blocks of pixels."""
     curves = replace(load_curves(), fine=Joint(), coarse=Joint())
     step, gbuffer = find_pass("ambient_visibility"), find_pass("gbuffer")
 
