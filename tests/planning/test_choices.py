@@ -228,6 +228,9 @@ def test_what_lasts_is_paid_by_one_standing_picture() -> None:
     assert budget < found.choice.predicted_ms <= (1.0 + MOST) * budget
     following = sum(row.predicted_ms or 0.0 for row in found.rows if row.runs and not row.lasts)
     assert following <= budget
-    assert paid_once(_standing(wary=3), quick, budget, 0.0) is None, "one was late a short while ago"
+    poor = replace(quick, possible=True)
+    assert paid_once(question, poor, budget, 0.0) is not None, "it is better than what keeps the budget"
+    assert paid_once(_standing(wary=3), poor, budget, 0.0) is None, "one was late a short while ago"
+    assert paid_once(_standing(wary=3), quick, budget, 0.0) is not None, "they all are"
     assert paid_once(question, quick, 40.0 / (1.0 + MOST) / 1.1, 0.0) is None, "so late that nobody waits for it"
     assert paid_once(question, replace(found.choice, possible=True), budget, 0.0) is None, "no better"

@@ -21,7 +21,7 @@ from torchrender.planning.planner import search_of, settled
 from torchrender.planning.question import Question
 from torchrender.planning.repeated import Repeated, in_advance
 from torchrender.planning.search import Choice, Found, best_of, choice_of, headroom, in_order, looked, loyal, pool_of
-from torchrender.planning.standing import PICTURES, is_due_after, searching_of
+from torchrender.planning.standing import EARLY, PICTURES, is_due_after, searching_of
 from torchrender.scene.camera import Cameras
 
 NAME = "search"
@@ -102,7 +102,9 @@ def go_on(knowledge: Knowledge, kept: RenderHistory, budget_ms: float, clock: St
         return pace
     last = pace.search
     at_hand = last is not None and last.quicker is not None
-    all_of_it = kept.pictures < 2 or (took_ms > TOLERANCE * budget_ms and not at_hand)
+    # Where nothing keeps the budget, something that one picture pays once may.
+    said = last is not None and not last.possible and kept.pictures <= EARLY and _stands_still(knowledge)
+    all_of_it = kept.pictures < 2 or said or (took_ms > TOLERANCE * budget_ms and not at_hand)
     starved = last is not None and last.pictures >= PICTURES
     limit_ms = MOST * TOLERANCE * budget_ms if starved else budget_ms
     while all_of_it or clock.elapsed_ms["total"] + _step_ms(hunt, pace) <= limit_ms:

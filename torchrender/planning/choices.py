@@ -136,9 +136,9 @@ def paid_once(question: Question, choice: Choice, budget_ms: float, spent_ms: fl
         choice: that keeps the budget, or is the quickest.
 
     Returns:
-        None where there is none, the picture would be very late, or one has been late a short while ago.
+        None where there is none, the picture would be very late, or one has been late a short while ago that need not.
     """
-    if question.knowledge.pace.wary:
+    if choice.possible and question.knowledge.pace.wary:
         return None
     aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), budget_ms, None, spent_ms)
     better = not choice.possible or aim.predicted_error * LOYALTY < choice.predicted_error
