@@ -26,7 +26,7 @@ from torchrender.planning.foresight import (
     parse_lines,
     together,
 )
-from torchrender.planning.rows import GUARD
+from torchrender.planning.rows import FIRST_GUARD, GUARD, UNSEEN_GUARD, most_of
 from torchrender.scene.procedural.anything import anything
 
 
@@ -182,11 +182,22 @@ def test_a_bound_is_kept_on_the_safe_side() -> None:
         plan = tr.plan(scene, camera, history=history, max_error=bound)
         assert plan.error_interval is not None
         error = plan.predicted_error or 1.0
-        if plan.possible and error * (plan.error_interval[1] / error) ** GUARD > bound:
+        if plan.possible and error * (plan.error_interval[1] / error) ** UNSEEN_GUARD > bound:
             others = [tr.plan(scene, camera, history=history, max_error=bound / k) for k in (4, 16, 64)]
             surest = min((p.error_interval or (0.0, 1.0))[1] for p in others)
             assert surest > bound, "nothing is as sure: then what is half as sure"
         assert not plan.possible or (plan.predicted_error or 1.0) <= bound
+
+
+def test_bounds_are_kept_by_more_where_less_is_known() -> None:
+    """Of a measured scene by least, of another one's first picture by all of the interval."""
+    expected, found = Expected(0.1, 0.2), []
+    for scene, pictures in ((tr.load("cornell_box"), 0), (anything(3), 2), (anything(3), 0)):
+        history = replace(tr.RenderHistory(), pictures=pictures)
+        camera = scene.camera(width=512, height=512)
+        known = Knowledge.of(scene, camera, tr.RenderOptions(), history, load_curves())
+        found.append(math.log(most_of(known, expected) / 0.1) / math.log(expected.interval[1] / 0.1))
+    assert found == pytest.approx([GUARD, UNSEEN_GUARD, FIRST_GUARD]) and found == sorted(found)
 
 
 def test_passes_sense_only_where_it_helps() -> None:

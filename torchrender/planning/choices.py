@@ -70,7 +70,7 @@ def _as_sure(question: Question, wishes: tuple[float | None, float, float], shar
         expected = expected_of(question.knowledge, found.rows, found.options)
         if expected is None:
             return found
-        most = expected.error * (most_of(expected) / max(expected.error, LEAST)) ** share
+        most = expected.error * (most_of(question.knowledge, expected) / max(expected.error, LEAST)) ** share
         settings = tuple(sorted(found.choice.settings.items()))
         if most <= max_error:
             if fits(question, budget_ms, found.choice) and (best is None or found.choice.predicted_ms < best[0]):
