@@ -13,8 +13,8 @@ NOTHING = Expected(0.0, 0.0)
 GUARD, UNSEEN_GUARD, FIRST_GUARD = 0.6, 0.7, 1.0
 """Powers of what an interval leaves above an error that bounds are kept by: of a scene that was measured, of another
 one, and of its first picture, which a look with a quarter of the pixels tells less of. Of 36 first pictures 5 came out
-beyond six tenths of it and none beyond all of it, of 60 later ones 5, and 2 beyond seven tenths; settings that the whole
-of it chose for these came out at seven tenths of their bounds, at most."""
+beyond six tenths of it and none beyond all of it, of 60 later ones 5, and 2 beyond seven tenths; settings that the
+whole of it chose for these came out at seven tenths of their bounds, at most."""
 
 
 def rows_of(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
