@@ -232,5 +232,8 @@ def test_what_lasts_is_paid_by_one_standing_picture() -> None:
     assert paid_once(question, poor, budget, 0.0) is not None, "it is better than what keeps the budget"
     assert paid_once(_standing(wary=3), poor, budget, 0.0) is None, "one was late a short while ago"
     assert paid_once(_standing(wary=3), quick, budget, 0.0) is not None, "they all are"
+    less = 9.0  # not enough for anything: the quickest in the end
+    late = paid_once(question, choose(question, less, None), less, 0.0)
+    assert late is None or late.choice.predicted_ms <= (1.0 + MOST) * less
     assert paid_once(question, quick, 40.0 / (1.0 + MOST) / 1.1, 0.0) is None, "so late that nobody waits for it"
     assert paid_once(question, replace(found.choice, possible=True), budget, 0.0) is None, "no better"

@@ -141,8 +141,11 @@ def paid_once(question: Question, choice: Choice, budget_ms: float, spent_ms: fl
     if choice.possible and question.knowledge.pace.wary:
         return None
     aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), budget_ms, None, spent_ms)
-    better = not choice.possible or aim.predicted_error * LOYALTY < choice.predicted_error
-    if not (aim.possible and better):
+    if choice.possible:
+        better = aim.possible and aim.predicted_error * LOYALTY < choice.predicted_error
+    else:
+        better = aim.possible or aim.predicted_ms * LOYALTY < choice.predicted_ms
+    if not better:
         return None
     found = chosen(question, replace(aim, possible=False))
     taken = spent_ms + sum(row.predicted_ms or 0.0 for row in found.rows if row.runs)
