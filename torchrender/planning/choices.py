@@ -17,7 +17,7 @@ from torchrender.planning.standing import PICTURES, Standing
 ROUNDS = 6
 """Of looking for the quickest choice that surely keeps a bound."""
 
-SURE = (1.0, 0.5, 0.0)
+SURE = (1.0, 0.6, 0.3, 0.0)
 """Shares of what errors may be above what is expected, on a logarithmic scale, that a bound is kept by: the first one
 where some settings do."""
 
