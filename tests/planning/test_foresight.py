@@ -191,7 +191,8 @@ def test_a_bound_is_kept_on_the_safe_side() -> None:
 
 def test_bounds_are_kept_by_more_where_less_is_known() -> None:
     """Of a measured scene by least, of another one's first picture by most."""
-    expected, found = Expected(0.1, 0.2), []
+    expected = Expected(0.1, 0.2)
+    found: list[float] = []
     for scene, pictures in ((tr.load("cornell_box"), 0), (anything(3), 2), (anything(3), 0)):
         history = replace(tr.RenderHistory(), pictures=pictures)
         camera = scene.camera(width=512, height=512)

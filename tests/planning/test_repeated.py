@@ -99,7 +99,7 @@ CHANGES: dict[str, Callable[[RenderHistory], dict[str, Any]]] = {
 def test_anything_else_is_planned_anew(made: list[Plan], change: str) -> None:
     history = standing(budget_ms=1e5)
     made.clear()
-    given = {"scene": SCENE, "camera": CAMERA, "options": OPTIONS, "history": history, "budget_ms": 1e5}
+    given: dict[str, Any] = {"scene": SCENE, "camera": CAMERA, "options": OPTIONS, "history": history, "budget_ms": 1e5}
     tr.render(**{**given, **CHANGES[change](history)})
     assert made
 

@@ -32,7 +32,8 @@ def beside(
     Args:
         took: milliseconds by step. searches: of its plans. repeats: it was made by the plans of the last one.
     """
-    past, found = knowledge.outlook.history, {}
+    past = knowledge.outlook.history
+    found: dict[str, float] = {}
     stands = bool(searches) and all(search.pictures for search in searches)
     if repeats:
         found[REPEATING] = took.get("plan", 0.0)
