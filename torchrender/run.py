@@ -25,12 +25,6 @@ from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import (
-    BESIDE,
-    FIRST_BESIDE,
-    FIRST_SEARCHING,
-    FIRST_UNPRICED,
-    LAST_UNPRICED,
-    SEARCHING,
     TOLERANCE,
     UNPRICED,
     Pace,
@@ -40,15 +34,14 @@ from torchrender.pipeline.pace import (
 from torchrender.pipeline.view_doubts import picture_doubts, view_doubts
 from torchrender.planning.costs import Knowledge, sense_of
 from torchrender.planning.graph import Graph
+from torchrender.planning.learned import beside, unpriced
 from torchrender.planning.plan import Plan
 from torchrender.planning.planner import make_plan
+from torchrender.planning.repeated import Made, Plans, Repeated
 from torchrender.planning.rows import expected_of
 from torchrender.planning.search import headroom
 from torchrender.planning.standing import SHARE, cost_of_rows
 from torchrender.shade import SentLight
-
-YOUNG = 2
-"""Pictures of a sequence that load much for what they sense."""
 
 OFF = 0.02
 """Share of a budget: so much more or less time spent than was foreseen changes no choice that another plan is worth."""
@@ -74,6 +67,8 @@ class Run:
     foreseen_ms: float = field(init=False, default=0.0)  # of all of it, by the first plan
     sensed: dict[str, float] = field(init=False, default_factory=dict)  # what errors of the next picture follow
     doubts: list[Doubt] = field(init=False, default_factory=list)  # about what cameras see
+    plans: Plans = field(init=False)  # all that were made
+    last: Repeated | None = field(init=False, default=None)  # those of the last picture, where this one repeats it
 
     def image(self) -> Image:
         """The picture.
@@ -134,18 +129,35 @@ class Run:
             done = {name: took[name] for name in self.done}
             spent = sum(ms for name, ms in took.items() if name not in ("load", "total"))
             pace = self.knowledge.pace
-            beside = pace.beside(self._looks if done else pace.looks_next)
-            spent += sum(max(0.0, told - took.get(name, 0.0)) for name, told in beside.items())
+            if not done:
+                self.plans, self.last = Plans(self.knowledge, self.limits), Repeated.of(self.knowledge, self.limits)
+            usual = pace.beside(self._looks if done else pace.looks_next, self.last is not None)
+            spent += sum(max(0.0, told - took.get(name, 0.0)) for name, told in usual.items())
             spent += 0.0 if done else pace.known.get(UNPRICED, 0.0)
-            before = self.plan if done else None
-            self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
-            if self.plan.ahead:
-                self.knowledge = replace(self.knowledge, ahead=self.plan.ahead)
-            self.graph = self.knowledge.graph(self.plan.options)
+            again = self._repeated(tuple(done), spent)
+            if again is None:
+                self.last = None
+                before = self.plan if done else None
+                self.plan = make_plan(self.knowledge, options, *self.limits, done=done, spent_ms=spent, before=before)
+                if self.plan.ahead:
+                    self.knowledge = replace(self.knowledge, ahead=self.plan.ahead)
+                self.graph = self.knowledge.graph(self.plan.options)
+            else:
+                self.plan, self.graph = again.plan, again.graph
+            self.plans.add(tuple(done), self.knowledge, self.plan, self.graph)
             if not done:
                 self.foreseen_ms = spent + (self.plan.predicted_ms or 0.0)
             if self.plan.search is not None:
                 self.searches.append(self.plan.search)
+
+    def _repeated(self, done: tuple[str, ...], spent_ms: float) -> Made | None:
+        """The last picture's plan at this place, if this one repeats it."""
+        if self.last is None:
+            return None
+        if not done:
+            return self.last.first(self.knowledge, spent_ms)
+        now = Made(self.plans.found, self.plan, self.graph, {})
+        return self.last.later(self.knowledge, now, done, spent_ms)
 
     def _look_again(self) -> None:
         """More is known, and not the time spent that was foreseen: reasons, and what is left to choose, follow."""
@@ -225,22 +237,6 @@ class Run:
             if buffer not in kept and not self.graph.asked.get(buffer, frozenset()) & left:
                 del self.values[buffer]
 
-    def _beside(self) -> dict[str, float]:
-        """What later pictures will spend beside their passes, about: with a search, and standing by this choice."""
-        took, past = self.clock.elapsed_ms, self.knowledge.outlook.history
-        found = {}
-        for name, known in BESIDE.items():
-            most = FIRST_BESIDE[name] if name == "plan" or past.pictures < YOUNG else math.inf
-            if name == "plan" and past.pictures:
-                most = math.inf if self._stands else self.knowledge.pace.known.get(known, most)
-            if name == "plan" or name in took:
-                found[known] = min(took.get(name, 0.0), most)
-        if past.pictures and self.searches and not self._stands:
-            searching = sum(took.get(name, 0.0) for name in BESIDE)
-            # Of a second picture, much of it is done for the first time.
-            found[SEARCHING] = min(searching, FIRST_SEARCHING) if past.pictures == 1 else searching
-        return found
-
     @property
     def _looks(self) -> bool:
         """It is time to sense: a search was made, or many pictures stood by it, and there is time left for that."""
@@ -256,15 +252,6 @@ class Run:
     def _stands(self) -> bool:
         """All that was chosen is what an earlier picture chose."""
         return bool(self.searches) and all(search.pictures for search in self.searches)
-
-    def _unpriced(self, plan: Plan) -> dict[str, float]:
-        """What no curve prices of the time of a picture after another one: the least of the last two."""
-        took, known = self.clock.elapsed_ms, self.knowledge.pace.known
-        if not self.knowledge.outlook.history.pictures:
-            return {}
-        priced = sum(row.measured_ms or 0.0 for row in plan.running if row.predicted_ms or row.name in self.untypical)
-        now = max(took.get("total", 0.0) - priced - sum(took.get(name, 0.0) for name in BESIDE), 0.0)
-        return {UNPRICED: min(now, known.get(LAST_UNPRICED, FIRST_UNPRICED)), LAST_UNPRICED: now}
 
     def _missed(self, pace: Pace) -> Pace:
         """With how far the time was missed that a picture after the first was chosen for."""
@@ -305,9 +292,12 @@ class Run:
                 times[row.name, row.setting] = row.measured_ms, raw
         pace = pace.learned_all(times)
         took, told = sum(ms for ms, raw in times.values() if raw > 0.0), sum(raw for _, raw in times.values())
-        own = {**pace.hurried(took, told), **self._beside(), **self._unpriced(plan)}
+        spent = self.clock.elapsed_ms
+        own = pace.hurried(took, told) | beside(known, spent, self.searches, self.last is not None)
+        own |= unpriced(known, plan, spent, self.untypical)
         learned = {**pace.known, **known.outlook.known, **self.sensed, **own}
         pace = replace(self._missed(pace), choice=settings, known=learned, search=self._search(plan))
+        pace = replace(pace, repeated=None if self.sensed else self.plans.for_next(self.lasting))
         past = known.outlook.history.with_picture(self.lasting.items(), plan.options, known.outlook.cameras)
         return replace(past, pace=pace)
 

@@ -35,6 +35,12 @@ def outlook(request: pytest.FixtureRequest) -> Outlook:
     )  # fmt: skip
 
 
+@EVERY
+def test_patterns_are_settings(step: Pass) -> None:
+    assert set(step.patterns) <= set(step.settings.names)
+    assert not step.patterns or step.coarsens > 0.0
+
+
 def test_names_are_unique_and_buffers_have_makers() -> None:
     names = [step.name for step in PASSES]
     assert len(set(names)) == len(names)

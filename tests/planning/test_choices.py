@@ -14,9 +14,12 @@ from torchrender.passes.seen.ray_caster import RAY_CASTER
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.pipeline.pace import SPEED, Pace
+from torchrender.planning.choices import MOST, paid_once
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.curves import Curves, load_curves
 from torchrender.planning.plan import Plan
+from torchrender.planning.question import Question
+from torchrender.planning.search import choose
 from torchrender.report.unseen.study import walk_of
 from torchrender.run import OFF, Run
 from torchrender.scene.camera import Cameras
@@ -205,3 +208,32 @@ def test_a_first_picture_that_is_late_makes_no_finer_maps_of_what_the_eye_leaves
     walk = walk_of(scene, 240, 2)
     plan = tr.plan(scene, walk[0], history=tr.RenderHistory(), budget_ms=200.0)
     assert not plan.possible and plan.row("shadow_map").setting == "256"
+
+
+def _standing(wary: int = 0) -> Question:
+    """Of a sequence whose pictures kept no shadow map so far."""
+    history = replace(RenderHistory(), pictures=3, pace=Pace(wary=wary, misses=(0.0, 0.0)), seen_from=VIEW)
+    curves = priced(shadow_map=20.0, point_shadow=0.1, direct_light=1.0, ambient_visibility=1e4)
+    options = replace(OPTIONS, fixed=("point_shadow",))
+    return Question.about(Knowledge.of(GRASS, VIEW, options, history, curves), options)
+
+
+def test_what_lasts_is_paid_by_one_standing_picture() -> None:
+    """Where the drawing of shadow maps fits no budget, and their pictures do."""
+    question = _standing()
+    budget, quick = 30.0, choose(question, 30.0, None)
+    assert quick.predicted_ms >= 40.0 and not quick.possible
+    found = paid_once(question, quick, budget, 0.0)
+    assert found is not None and not found.choice.possible
+    assert budget < found.choice.predicted_ms <= (1.0 + MOST) * budget
+    following = sum(row.predicted_ms or 0.0 for row in found.rows if row.runs and not row.lasts)
+    assert following <= budget
+    poor = replace(quick, possible=True)
+    assert paid_once(question, poor, budget, 0.0) is not None, "it is better than what keeps the budget"
+    assert paid_once(_standing(wary=3), poor, budget, 0.0) is None, "one was late a short while ago"
+    assert paid_once(_standing(wary=3), quick, budget, 0.0) is not None, "they all are"
+    less = 9.0  # not enough for anything: the quickest in the end
+    late = paid_once(question, choose(question, less, None), less, 0.0)
+    assert late is None or late.choice.predicted_ms <= (1.0 + MOST) * less
+    assert paid_once(question, quick, 40.0 / (1.0 + MOST) / 1.1, 0.0) is None, "so late that nobody waits for it"
+    assert paid_once(question, replace(found.choice, possible=True), budget, 0.0) is None, "no better"

@@ -26,7 +26,7 @@ from torchrender.planning.foresight import (
     parse_lines,
     together,
 )
-from torchrender.planning.rows import GUARD
+from torchrender.planning.rows import FIRST_GUARD, GUARD, UNSEEN_GUARD, most_of
 from torchrender.scene.procedural.anything import anything
 
 
@@ -182,11 +182,23 @@ def test_a_bound_is_kept_on_the_safe_side() -> None:
         plan = tr.plan(scene, camera, history=history, max_error=bound)
         assert plan.error_interval is not None
         error = plan.predicted_error or 1.0
-        if plan.possible and error * (plan.error_interval[1] / error) ** GUARD > bound:
+        if plan.possible and error * (plan.error_interval[1] / error) ** UNSEEN_GUARD > bound:
             others = [tr.plan(scene, camera, history=history, max_error=bound / k) for k in (4, 16, 64)]
             surest = min((p.error_interval or (0.0, 1.0))[1] for p in others)
             assert surest > bound, "nothing is as sure: then what is half as sure"
         assert not plan.possible or (plan.predicted_error or 1.0) <= bound
+
+
+def test_bounds_are_kept_by_more_where_less_is_known() -> None:
+    """Of a measured scene by least, of another one's first picture by most."""
+    expected = Expected(0.1, 0.2)
+    found: list[float] = []
+    for scene, pictures in ((tr.load("cornell_box"), 0), (anything(3), 2), (anything(3), 0)):
+        history = replace(tr.RenderHistory(), pictures=pictures)
+        camera = scene.camera(width=512, height=512)
+        known = Knowledge.of(scene, camera, tr.RenderOptions(), history, load_curves())
+        found.append(math.log(most_of(known, expected) / 0.1) / math.log(expected.interval[1] / 0.1))
+    assert found == pytest.approx([GUARD, UNSEEN_GUARD, FIRST_GUARD]) and found == sorted(found)
 
 
 def test_passes_sense_only_where_it_helps() -> None:
@@ -200,7 +212,7 @@ def test_passes_sense_only_where_it_helps() -> None:
 
 
 def test_errors_of_what_looks_from_few_pixels_grow_as_these_part() -> None:
-    """Of ambient visibility, which fewer rendered pixels look from: but for scenes whose own errors are known."""
+    """Of ambient visibility, which looks from fewer; where errors are known, of rays that share blocks of pixels."""
     curves = replace(load_curves(), fine=Joint(), coarse=Joint())
     step, gbuffer = find_pass("ambient_visibility"), find_pass("gbuffer")
 
@@ -217,7 +229,8 @@ def test_errors_of_what_looks_from_few_pixels_grow_as_these_part() -> None:
     assert error(unseen, 64, "8 rays, 4 x 4", 2.0) == pytest.approx(whole)
     assert error(unseen, 64, "off", 0.25) == error(unseen, 64, "off", 1.0)
     assert error(unseen, 64, "1", 0.25) == error(unseen, 64, "1", 1.0)
-    assert error(seen, 512, "8 rays, 4 x 4", 0.25) == error(seen, 512, "8 rays, 4 x 4", 1.0)
+    assert error(seen, 512, "8 rays, 4 x 4", 0.25) == pytest.approx(2.0 * error(seen, 512, "8 rays, 4 x 4", 1.0))
+    assert error(seen, 512, "1 x 12", 0.25) == error(seen, 512, "1 x 12", 1.0)
 
 
 def test_hard_shadows_are_sensed_by_the_penumbrae_that_they_leave_out() -> None:

@@ -512,7 +512,9 @@ def test_what_ran_before_a_look_left_it_out_is_told(washroom: Scene) -> None:
     plan = make_plan(known, known.outlook.options)
     row = plan.row("reflective_pixel")
     assert not row.runs
-    told = plan.measured({"reflective_pixel": 7.0}, {}, 20.0).row("reflective_pixel")
+    whole = plan.measured({"reflective_pixel": 7.0}, {}, 20.0)
+    assert whole.predicted_ms == plan.predicted_ms is not None, "it foresaw no time for it"
+    told = whole.row("reflective_pixel")
     assert told.runs and told.measured_ms == 7.0
     assert told.reason == f"it ran before this was known: {row.reason}"
     assert plan.measured({}, {}, 20.0).row("reflective_pixel") == row

@@ -211,3 +211,24 @@ def test_what_is_done_once_counts_in_part_where_pictures_share_it(washroom: Scen
     assert once > 10.0 and shared.time_ms(step, setting, count, True) == pytest.approx(each + 0.125 * once)
     texels = maps.settings.all[0]
     assert whole.time_ms(maps, texels, count, True) == shared.time_ms(maps, texels, count, True) > 0.0
+
+
+def test_rays_shared_out_over_blocks_err_more_with_fewer_pixels() -> None:
+    """Also in a scene that was measured, at one rendered pixel per pixel; nothing else does there."""
+    box = tr.load("cornell_box")
+    knowledge = Knowledge.of(box, box.camera(width=512, height=512), RenderOptions(), None, load_curves())
+    assert not knowledge.unseen
+    for step in PASSES:
+        if step.settings.is_choice and step is not PASSES[0]:
+            for name in step.settings.names:
+                fine, coarse = (
+                    knowledge.setting_error(step, name, RenderOptions(supersample=s)).error for s in (1.0, 0.25)
+                )
+                if fine > 0.0 and coarse > 0.0:
+                    assert coarse == pytest.approx(fine * (2.0 if name in step.patterns else 1.0)), name
+    shared = find_pass("ambient_visibility")
+    assert set(shared.patterns) < set(shared.settings.names)
+    found = Question.about(knowledge, RenderOptions())
+    name = shared.settings.named(shared.patterns[0])
+    errors = {count.name: found.error(shared, name, count) for count in found.counts}
+    assert errors["0.25"] > errors["0.5"] > errors["1"] == errors["2"]

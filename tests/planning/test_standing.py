@@ -171,7 +171,7 @@ def test_where_a_budget_became_too_small_something_quicker_is_taken(
         late = replace(kept, pace=replace(kept.pace, ratios=ratios, misses=(0.35, 0.35)))
         plan, searches = planned(monkeypatch, late, max_error=None, budget_ms=tight)
         assert searches == 0 and plan.search is not None and plan.search.settings == wanted.settings, slower
-        assert plan.search.pictures == 1, "it stands for as long as a new one"
+        assert plan.search.pictures == PICTURES, "it is coarse: a search is due as soon as there is time"
         assert plan.possible == (slower < 10.0)
 
 
@@ -189,7 +189,7 @@ def test_from_a_choice_that_turned_out_too_slow_the_way_back_is_no_search(
     missed = replace(slow, wishes=(middle, None), pictures=1, earlier=stood)
     plan, searches = planned(monkeypatch, with_search(rest, missed), max_error=None, budget_ms=middle)
     assert searches == 0 and plan.search is not None and plan.search.settings == quick.settings
-    assert plan.search.pictures == 1 and plan.possible, "it stands for as long as a new one"
+    assert plan.search.pictures == PICTURES and plan.possible, "a search is due as soon as there is time"
     lost, searches = planned(
         monkeypatch, with_search(rest, replace(missed, earlier=None)), max_error=None, budget_ms=middle
     )

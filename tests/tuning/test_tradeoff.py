@@ -111,6 +111,18 @@ def test_the_budget_study_writes_its_page(tmp_path: Path) -> None:
     assert "## Kept?" in text and "## Beside fixed settings" in text and "cornell_box orbit" in text
     record = json.loads(files[0].read_text())
     assert all(r["complete"] == 1.0 for r in record["budgets"])
+    assert "--part" not in text
+
+    record["machines"]["presets"]["commit"] = "elsewhere"
+    record["presets"][0]["ms"] = 1234.0
+    files[0].write_text(json.dumps(record))
+    again = json.loads(run(QUICK, tmp_path, Parts(), "deleted")[0].read_text())
+    assert again["budgets"] == record["budgets"] and again["presets"] == record["presets"], "the rest is kept"
+    assert again["deleted"] != record["deleted"]
+    told = files[-1].read_text()
+    assert (
+        "| 1234 |" in told and "`python -m torchrender.report.budget --part presets` on" in told and "elsewhere" in told
+    )
 
 
 def test_sequences_lie_on_the_scenes_path() -> None:

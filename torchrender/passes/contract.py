@@ -75,6 +75,7 @@ class Pass:
     settle: Settle | None = None  # its options may leave the way to the planner,
     settles: Callable[[RenderOptions], bool] = lambda _: False  # and do so here
     coarsens: float = 0.0  # power of the picture's pixels per rendered one and side by which errors of fewer grow
+    patterns: tuple[str, ...] = ()  # settings spread over blocks of pixels: theirs do in measured scenes, too
     off: str | None = None  # the setting at which it does not run, if there is one
     measured_with: Mapping[str, Any] = field(default_factory=dict)  # options, where the usual ones are not fit
 

@@ -48,6 +48,9 @@ BESIDE = {name: f"milliseconds of {name}" for name in ("plan", "senses")}
 FIRST_BESIDE = {"plan": 4.0, "senses": 16.0}
 """Milliseconds of them, at most, that pictures tell which load much for them: of the plan the first one."""
 
+REPEATING, FIRST_REPEATING = "milliseconds of a plan that is repeated", 0.5
+"""Quantity that a sequence learns: the plan of a picture that is made as the last one was; and before it is known."""
+
 LOOKS = 4
 """Of so many pictures that stand by one choice the last one senses: what errors follow changes with the view."""
 
@@ -94,6 +97,11 @@ class Search:
         """What to go back to from another one: this, where pictures stood by it, else what they stood by before."""
         return replace(self, earlier=None) if self.pictures and self.possible else self.earlier
 
+    @property
+    def quickly(self) -> list[Search]:
+        """The same for less and less time."""
+        return [] if self.quicker is None else [self.quicker, *self.quicker.quickly]
+
     def is_of(self, wishes: tuple[float | None, float | None], asked: RenderOptions) -> bool:
         """It was about the same."""
         return self.wishes == wishes and (asked is self.asked or alike(asked, self.asked))
@@ -122,11 +130,13 @@ class Pace:
     known: Mapping[str, float] = field(default_factory=dict)  # quantities that the last pictures found out
     search: Search | None = field(default=None, compare=False)  # that the last picture was made by
     hunt: object = field(default=None, compare=False)  # another one that has begun (:mod:`torchrender.planning.ahead`)
+    repeated: object = field(default=None, compare=False)  # plans for one like it (planning.repeated)
 
-    def beside(self, looking: bool) -> dict[str, float]:
+    def beside(self, looking: bool, repeats: bool = False) -> dict[str, float]:
         """Milliseconds, by name, that a picture which makes no search is expected to pay beside its passes; of sensing
-        if it is ``looking``."""
-        return {name: self.known.get(known, 0.0) for name, known in BESIDE.items() if looking or name != "senses"}
+        if it is ``looking``, and of the plan less where it ``repeats`` the last one's."""
+        found = {name: self.known.get(known, 0.0) for name, known in BESIDE.items() if looking or name != "senses"}
+        return found | {"plan": self.known.get(REPEATING, FIRST_REPEATING)} if repeats else found
 
     @property
     def looks_next(self) -> bool:

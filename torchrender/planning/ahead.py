@@ -15,12 +15,13 @@ from torchrender.clock import StepClock
 from torchrender.passes.settings import Setting
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.pace import SEARCHING, TOLERANCE, UNPRICED, Pace, Search, alike
-from torchrender.planning.choices import chosen, looked_ahead
+from torchrender.planning.choices import chosen, looked_ahead, paid_once
 from torchrender.planning.costs import Knowledge
 from torchrender.planning.planner import search_of, settled
 from torchrender.planning.question import Question
+from torchrender.planning.repeated import Repeated, in_advance
 from torchrender.planning.search import Choice, Found, best_of, choice_of, headroom, in_order, looked, loyal, pool_of
-from torchrender.planning.standing import PICTURES, is_due_after, searching_of
+from torchrender.planning.standing import EARLY, PICTURES, is_due_after, searching_of
 from torchrender.scene.camera import Cameras
 
 NAME = "search"
@@ -35,8 +36,8 @@ MOST = 0.97
 STEP = 1e-3
 """Of the scene's diagonal that eyes are taken to move from one picture to the next, if they do."""
 
-QUICKER = 0.6
-"""Of the time of passes: what is chosen beside that."""
+QUICKER = (0.85, 0.6)
+"""Of the time of passes: what is chosen beside that, for where it turns out too slow by a little, and by more."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,9 +78,9 @@ class Hunt:
         return choice_of(self.question, found, self.spent_ms, self.best is not None)
 
     def quicker(self) -> list[Choice]:
-        """Choices that take much less, and the least: for where the machine turns out to be slower."""
+        """Choices that take less, and the least: for where the machine turns out to be slower."""
         pool = pool_of(self.question)
-        found = [best_of(pool, 1, QUICKER * self.limit_ms), best_of(pool, 0, float("inf"))]
+        found = [*(best_of(pool, 1, share * self.limit_ms) for share in QUICKER), best_of(pool, 0, float("inf"))]
         return [choice_of(self.question, one, self.spent_ms, True) for one in found if one is not None]
 
 
@@ -101,7 +102,9 @@ def go_on(knowledge: Knowledge, kept: RenderHistory, budget_ms: float, clock: St
         return pace
     last = pace.search
     at_hand = last is not None and last.quicker is not None
-    all_of_it = kept.pictures < 2 or (took_ms > TOLERANCE * budget_ms and not at_hand)
+    # Where nothing keeps the budget, something that one picture pays once may.
+    said = last is not None and not last.possible and kept.pictures <= EARLY and _stands_still(knowledge)
+    all_of_it = kept.pictures < 2 or said or (took_ms > TOLERANCE * budget_ms and not at_hand)
     starved = last is not None and last.pictures >= PICTURES
     limit_ms = MOST * TOLERANCE * budget_ms if starved else budget_ms
     while all_of_it or clock.elapsed_ms["total"] + _step_ms(hunt, pace) <= limit_ms:
@@ -112,9 +115,10 @@ def go_on(knowledge: Knowledge, kept: RenderHistory, budget_ms: float, clock: St
             elif hunt.left:
                 hunt = hunt.on()
             else:
-                search = _ended(hunt, kept.pictures)
+                search = _ended(hunt, kept.pictures, _stands_still(knowledge))
                 known = {**pace.known, SEARCHING: sum(hunt.took_ms)}
-                return replace(pace, search=search, hunt=None, known=known)
+                pace = replace(pace, search=search, hunt=None, known=known)
+                return replace(pace, repeated=_planned(knowledge, replace(kept, pace=pace), budget_ms))
         hunt = replace(hunt, took_ms=(*hunt.took_ms, clock.elapsed_ms[NAME] - before))
     return replace(pace, hunt=hunt)
 
@@ -148,8 +152,24 @@ def _begun(knowledge: Knowledge, kept: RenderHistory, budget_ms: float) -> Hunt:
     # The second picture knows how fast the machine is, and looks around for those that follow where that serves them.
     once = 1.0 / PICTURES if kept.pictures < 2 else 1.0
     question = Question.about(known, options, near=True, careful=True, share_once=once)
-    spent_ms = sum(pace.beside(False).values()) + pace.known.get(UNPRICED, 0.0)
+    spent_ms = sum(pace.beside(False, _stands_still(knowledge)).values()) + pace.known.get(UNPRICED, 0.0)
     return Hunt.of(question, budget_ms, spent_ms)
+
+
+def _stands_still(knowledge: Knowledge) -> bool:
+    """The eye, and all meshes, were where they are in the picture before, too."""
+    outlook = knowledge.outlook
+    now, before = outlook.cameras.camera_from_world, outlook.history.seen_from
+    return before is not None and torch.equal(before.camera_from_world, now) and not outlook.history.moves
+
+
+def _planned(knowledge: Knowledge, kept: RenderHistory, budget_ms: float) -> Repeated | None:
+    """The plan of the next picture, if it is like this one."""
+    scene, search = kept.given, None if kept.pace is None else kept.pace.search
+    if scene is None or search is None or not _stands_still(knowledge):
+        return None
+    known = Knowledge.of(scene, knowledge.outlook.cameras, knowledge.outlook.options, kept, knowledge.curves)
+    return in_advance(known, (budget_ms, None), search)
 
 
 def _moved_on(cameras: Cameras, length: float) -> Cameras:
@@ -166,12 +186,14 @@ def _outdated(kept: RenderHistory) -> RenderHistory:
     return replace(kept, kept=parts)
 
 
-def _ended(hunt: Hunt, pictures: int) -> Search:
-    """What the pictures that follow stand by."""
+def _ended(hunt: Hunt, pictures: int, still: bool) -> Search:
+    """What the pictures that follow stand by; ``still``: they may be like the last one."""
     question, wishes = hunt.question, (hunt.budget_ms, None)
     choice, made = hunt.choice(), None
     if pictures < 2 and question.knowledge.outlook.history.sequence:
         made = looked_ahead(question, choice, hunt.budget_ms, (hunt.spent_ms, hunt.spent_ms))
+    elif still:
+        made = paid_once(question, choice, hunt.budget_ms, hunt.spent_ms)
     search = search_of(question.knowledge, wishes, made or chosen(question, choice))
     quicker: Search | None = None
     for other in reversed(hunt.quicker() if choice.possible else ()):

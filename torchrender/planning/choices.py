@@ -11,13 +11,13 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.foresight import LEAST
 from torchrender.planning.question import Question
 from torchrender.planning.rows import expected_of, most_of, rows_of
-from torchrender.planning.search import Choice, choose, fits
+from torchrender.planning.search import LOYALTY, Choice, choose, fits
 from torchrender.planning.standing import PICTURES, Standing
 
 ROUNDS = 6
 """Of looking for the quickest choice that surely keeps a bound."""
 
-SURE = (1.0, 0.5, 0.0)
+SURE = (1.0, 0.6, 0.3, 0.0)
 """Shares of what errors may be above what is expected, on a logarithmic scale, that a bound is kept by: the first one
 where some settings do."""
 
@@ -70,7 +70,7 @@ def _as_sure(question: Question, wishes: tuple[float | None, float, float], shar
         expected = expected_of(question.knowledge, found.rows, found.options)
         if expected is None:
             return found
-        most = expected.error * (most_of(expected) / max(expected.error, LEAST)) ** share
+        most = expected.error * (most_of(question.knowledge, expected) / max(expected.error, LEAST)) ** share
         settings = tuple(sorted(found.choice.settings.items()))
         if most <= max_error:
             if fits(question, budget_ms, found.choice) and (best is None or found.choice.predicted_ms < best[0]):
@@ -126,6 +126,32 @@ def looked_ahead(
         if found.choice.predicted_ms - choice.predicted_ms <= MOST * budget_ms:
             return found
     return None
+
+
+def paid_once(question: Question, choice: Choice, budget_ms: float, spent_ms: float) -> Standing | None:
+    """A better choice for pictures that stay where they are, which only what lasts keeps from fitting a budget: one of
+    them makes that, and is late.
+
+    Args:
+        choice: that keeps the budget, or is the quickest.
+
+    Returns:
+        None where there is none, the picture would be very late, or one has been late a short while ago that need not.
+    """
+    if choice.possible and question.knowledge.pace.wary:
+        return None
+    aim = choose(replace(question, share=1.0 / PICTURES, _memo={}), budget_ms, None, spent_ms)
+    if choice.possible:
+        better = aim.possible and aim.predicted_error * LOYALTY < choice.predicted_error
+    else:
+        better = aim.possible or aim.predicted_ms * LOYALTY < choice.predicted_ms
+    if not better:
+        return None
+    found = chosen(question, replace(aim, possible=False))
+    taken = spent_ms + sum(row.predicted_ms or 0.0 for row in found.rows if row.runs)
+    if taken > (1.0 + MOST) * budget_ms:
+        return None
+    return found._replace(choice=replace(found.choice, predicted_ms=taken, possible=taken <= budget_ms))
 
 
 def _richer(question: Question, choice: Choice, ahead: Buffers, wish: tuple[float | None, float]) -> Standing:

@@ -117,8 +117,8 @@ class Knowledge:
             best = min(self._error(step, s).error for s in step.settings.names)
             found = found._replace(error=max(found.error - best, 0.0))
         factor = self.curves.joint(options).factor if self.unseen else self.curves.own_factor(self.name)
-        if self.unseen and setting != step.off:
-            factor *= min(options.supersample, 1.0) ** -step.coarsens
+        if setting in step.patterns or (self.unseen and setting != step.off):
+            factor *= coarsening(step, options)
         return found if factor == 1.0 else found._replace(error=min(factor * found.error, 1.0))
 
     def leaves_out(self, step: Pass, options: RenderOptions) -> bool:
@@ -150,6 +150,11 @@ def _sensed(known: Mapping[str, float], name: str) -> float | None:
 def sense_of(name: str) -> str:
     """The quantity that a pass of that name senses: its errors follow it."""
     return SENSE + name
+
+
+def coarsening(step: Pass, options: RenderOptions) -> float:
+    """Times by which errors of a pass grow that looks from some rendered pixels only, where these are few."""
+    return float(min(options.supersample, 1.0) ** -step.coarsens)
 
 
 def is_seen(step: Pass, graph: Graph) -> bool:

@@ -103,7 +103,8 @@ class Plan:
         for row in self.rows:
             done = replace(row, measured_ms=times_ms.get(row.name), amounts=amounts.get(row.name))
             if done.measured_ms is not None and not row.runs:  # a plan made later in the picture has no use for it
-                done = replace(done, runs=True, reason=f"it ran before this was known: {row.reason}")
+                reason = f"it ran before this was known: {row.reason}"
+                done = replace(done, runs=True, reason=reason, predicted_ms=row.predicted_ms or 0.0)
             rows.append(done)
         return replace(self, rows=tuple(rows), measured_ms=total_ms, note=self._busy(total_ms, waited))
 

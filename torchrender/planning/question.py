@@ -149,7 +149,13 @@ class Question:
         """Of one pass at one setting, to the power of the norm."""
         if not step.settings.is_choice:
             return 0.0
-        key = ("error", step.name, setting.name, step.settings.shows(self._exact_at(count)), self._fineness(count))
+        key = (
+            "error",
+            step.name,
+            setting.name,
+            step.settings.shows(self._exact_at(count)),
+            self._fineness(step, count),
+        )
         found = self._memo.get(key)
         if found is None:
             told = self.knowledge.setting_error(step, setting.name, self._exact_at(count))
@@ -158,9 +164,10 @@ class Question:
         assert isinstance(found, float)
         return found
 
-    def _fineness(self, count: Setting) -> object:
-        """What of a number of pixels errors of passes hang on."""
-        return min(self._exact_at(count).supersample, 1.0) if self.knowledge.unseen else None
+    def _fineness(self, step: Pass, count: Setting) -> object:
+        """What of a number of pixels errors of a pass hang on."""
+        hangs = self.knowledge.unseen or step.patterns
+        return min(self._exact_at(count).supersample, 1.0) if hangs else None
 
     def inputs(self, step: Pass, setting: Setting, count: Setting, fresh: bool) -> frozenset[AnyBuffer]:
         """What a pass takes at one setting."""

@@ -10,9 +10,11 @@ from torchrender.planning.plan import PlanRow
 
 NOTHING = Expected(0.0, 0.0)
 
-GUARD = 0.6
-"""Power of what an interval leaves above an error that bounds are kept by: settings that the whole of it chose came out
-at seven tenths of their bounds, at most, in 60 of 60 pictures."""
+GUARD, UNSEEN_GUARD, FIRST_GUARD = 0.6, 0.75, 0.9
+"""Powers of what an interval leaves above an error that bounds are kept by: of a scene that was measured, of another
+one, and of its first picture, which a look with a quarter of the pixels tells less of. Of 36 first pictures 5 came out
+beyond six tenths of it and 2 beyond nine, of 60 later ones 5, and 1 beyond three quarters. Times over the cheapest that
+keeps a bound: 1.10 in the median with six tenths in any case, 1.11 with three quarters, and 1.35 with 0.95."""
 
 
 def rows_of(knowledge: Knowledge, options: RenderOptions) -> tuple[PlanRow, ...]:
@@ -51,8 +53,9 @@ def expected_of(knowledge: Knowledge, rows: tuple[PlanRow, ...], options: Render
     return knowledge.curves.together(known, scene=knowledge.name, unseen=unseen)
 
 
-def most_of(expected: Expected) -> float:
+def most_of(knowledge: Knowledge, expected: Expected) -> float:
     """What the error of a picture is taken to be at most where a bound is to be kept."""
     if expected.error <= 0.0:
         return expected.interval[1]
-    return float(expected.error * (expected.interval[1] / expected.error) ** GUARD)
+    guard = (UNSEEN_GUARD if knowledge.outlook.history.pictures else FIRST_GUARD) if knowledge.unseen else GUARD
+    return float(expected.error * (expected.interval[1] / expected.error) ** guard)

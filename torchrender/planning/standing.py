@@ -134,18 +134,19 @@ def _instead(knowledge: Knowledge, options: RenderOptions, slow: Standing, spent
     assert last is not None and slow.search is not None and last.wishes[0] is not None
     left = headroom(knowledge.pace) * last.wishes[0] - spent_ms
     grown = slow.search.cost[0] / max(last.cost[0], 1e-3)
-    quicker = last.quicker
-    others = [one for one in (quicker, last.earlier, None if quicker is None else quicker.quicker) if one is not None]
+    others = last.quickly
+    others[1:1] = [last.earlier] if last.earlier is not None else []
     fitting = [one for one in others if grown * one.cost[0] <= left]
+    stood = 1
     for one in fitting[:1] or sorted(others, key=lambda one: one.cost[0])[:1]:
         made = _chosen_by(knowledge, options, one, ())
         found = None if made is None else _priced(knowledge, one, made, ((), spent_ms), True)
         if found is not None and found.choice.predicted_ms < slow.choice.predicted_ms:
-            slow = found
+            slow, stood = found, PICTURES  # it is coarse: a search is due as soon as there is time for it
     assert slow.search is not None
     fits = slow.choice.predicted_ms <= FULL * headroom(knowledge.pace) * last.wishes[0]
     return slow._replace(
-        choice=replace(slow.choice, possible=fits), search=replace(slow.search, possible=fits, pictures=1)
+        choice=replace(slow.choice, possible=fits), search=replace(slow.search, possible=fits, pictures=stood)
     )
 
 
@@ -188,6 +189,19 @@ def _holds(
     return fits and (needed_ms + again_ms > budget or not _moved(cost, search.cost))
 
 
+def still_holds(
+    knowledge: Knowledge, last: Search, wishes: tuple[float | None, float | None], cost: Cost, spent_ms: float
+) -> bool:
+    """A whole picture by a choice, which now costs so much, does not ask for another one."""
+    due = _is_due(knowledge, last, wishes, spent_ms + cost[0])
+    return not due and _holds(knowledge, last, wishes, cost, spent_ms, False)
+
+
+def still_in_time(budget: float, needed_ms: float) -> bool:
+    """What was foreseen of a picture, as far as it goes, is kept: nothing asks to choose anew in the middle of it."""
+    return needed_ms <= TOLERANCE * budget
+
+
 def _left_of(knowledge: Knowledge, before: Plan, done: tuple[str, ...]) -> Search | None:
     """The search of an earlier place, with what it expected of the passes that are left."""
     if before.search is None:
@@ -228,9 +242,7 @@ def is_due_after(pace: Pace, pictures: int, budget: float, took_ms: float, error
         return last.pictures >= (1 if last.possible or pictures <= EARLY else PICTURES)
     if error is not None and not _about(error, last.cost[1]):
         return last.pictures >= max(min(PICTURES, searching_of(pace) / (SHARE * budget)), 1)
-    if took_ms >= FILLED * room or last.pictures < min(PICTURES, pictures // 2):
-        return False
-    return pictures <= EARLY or last.pictures >= PICTURES
+    return took_ms < FILLED * room and last.pictures >= min(PICTURES, pictures // 2)
 
 
 def searching_of(pace: Pace) -> float:

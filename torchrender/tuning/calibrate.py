@@ -19,6 +19,7 @@ from torchrender.passes.settings import Setting
 from torchrender.passes.table import PASSES
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
+from torchrender.planning.costs import coarsening
 from torchrender.planning.curves import FORMAT, Curves, scene_key
 from torchrender.quality.machine import machine_record
 from torchrender.renderer import render
@@ -189,7 +190,8 @@ def joint_errors(
                 # A plan predicts no error for a setting that does not show.
                 if row.setting in known and row.predicted_error:
                     best = min(float(one["flip"]) for one in known.values()) if step.settings.context.changes else 0.0
-                    alone.append(float(known[row.setting]["flip"]) - best)
+                    coarse = coarsening(step, image.plan.options) if row.setting in step.patterns else 1.0
+                    alone.append(coarse * (float(known[row.setting]["flip"]) - best))
             found.append((alone, wanted.error(image)))
     return found
 

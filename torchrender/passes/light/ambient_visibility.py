@@ -267,6 +267,7 @@ PASS = Pass(
     ),
     amounts=amounts,
     coarsens=0.5,  # rendered pixels apart are searched from: with fewer these are farther apart in the picture
+    patterns=("8 rays, 4 x 4", "16 rays, 3 x 3"),
     off="off",
     settle=settle,
     settles=left_open,

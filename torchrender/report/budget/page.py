@@ -33,10 +33,18 @@ def page(record: dict[str, Any]) -> str:
         *path_table(record["budgets"]),
         "![times and errors](budget.png)",
         "",
-        *preset_table(record["presets"], study["tolerance"]),
-        *deleted_table(record["deleted"]),
+        *apart(record, "presets", preset_table(record["presets"], study["tolerance"])),
+        *apart(record, "deleted", deleted_table(record["deleted"])),
     ]
     return "\n".join(lines) + "\n"
+
+
+def apart(record: dict[str, Any], part: str, lines: list[str]) -> list[str]:
+    """A section, with where it was measured, if that was another run than that of the page."""
+    where = record.get("machines", {}).get(part, record["machine"])
+    if where == record["machine"]:
+        return lines
+    return [*lines[:2], f"`python -m torchrender.report.budget --part {part}` on {machine_line(where)}", "", *lines[2:]]
 
 
 def budget_table(records: Records, tolerance: float) -> list[str]:

@@ -1,12 +1,13 @@
 """Budgets measured: are they kept, is the picture complete, is its error what was predicted, and is it worth it?
 
-``python -m torchrender.report.budget [--quick] [--seconds 200] [-o docs/results]`` writes ``budget.md``,
-``.json`` and a plot. About eight minutes; ``--seconds`` ends a run early, and the next goes on. Errors are those of
-nine windows of each picture.
+``python -m torchrender.report.budget [--quick] [--seconds 200] [--part presets] [-o docs/results]`` writes
+``budget.md``, ``.json`` and a plot. About eight minutes; ``--seconds`` ends a run early, and the next goes on, and
+``--part`` measures one part anew and keeps the rest of the page. Errors are those of nine windows of each picture.
 """
 
 from __future__ import annotations
 
+import json
 import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ from torchrender.quality.metrics import coverage
 from torchrender.quality.pages import write_record, write_text
 from torchrender.renderer import render
 from torchrender.report.budget.page import page, plot
-from torchrender.report.common.command import run_in_parts
+from torchrender.report.common.command import RESULTS, parts_parser, write_in_parts
 from torchrender.report.common.parts import Parts
 from torchrender.scene.camera import Cameras
 from torchrender.scene.cameras.path import built_in_path, walks_of
@@ -187,23 +188,41 @@ def deleted_passes(name: str, study: StudyOptions) -> list[dict[str, Any]]:
     return [{"scene": name, "all_ms": whole_ms, "few_ms": few_ms, "ratio": whole_ms / few_ms}]
 
 
-def run(study: StudyOptions, folder: Path, parts: Parts) -> list[Path]:
-    """Measure and write."""
-    kept: list[dict[str, Any]] = []
-    beside, deleted = [], []
+def beside_presets(study: StudyOptions, parts: Parts) -> list[dict[str, Any]]:
+    """Fixed settings and the planner's."""
+    rows = [(name, title) for name in study.scenes for title in PRESETS]
+    return [parts.measured(f"{name}, {title}", partial(preset, name, study, title)) for name, title in rows]
+
+
+def without_passes(study: StudyOptions, parts: Parts) -> list[dict[str, Any]]:
+    """Diffuse scenes with a shorter table."""
+    found: list[dict[str, Any]] = []
     for name in study.scenes:
-        for title in PRESETS:
-            beside.append(parts.measured(f"{name}, {title}", partial(preset, name, study, title)))
-        deleted += parts.measured(f"{name}, passes deleted", partial(deleted_passes, name, study))
+        found += parts.measured(f"{name}, passes deleted", partial(deleted_passes, name, study))
+    return found
+
+
+def under_budgets(study: StudyOptions, parts: Parts) -> list[dict[str, Any]]:
+    """All paths under all budgets."""
+    found: list[dict[str, Any]] = []
     for name, scene, walk in paths(study):
-        kept += parts.measured(name, partial(budgets, name, scene, walk, study))
-    record = {
-        "machine": machine_record(),
-        "study": {"size": study.size, "frames": study.frames, "tolerance": TOLERANCE},
-        "budgets": kept,
-        "presets": beside,
-        "deleted": deleted,
-    }
+        found += parts.measured(name, partial(budgets, name, scene, walk, study))
+    return found
+
+
+PARTS = {"presets": beside_presets, "deleted": without_passes, "budgets": under_budgets}
+
+
+def run(study: StudyOptions, folder: Path, parts: Parts, part: str | None = None) -> list[Path]:
+    """Measure, all or one part, and write."""
+    record = {} if part is None else recorded(folder)
+    machines = record.setdefault("machines", {name: record.get("machine") for name in PARTS})
+    for name in PARTS if part is None else (part,):
+        record[name] = PARTS[name](study, parts)
+        machines[name] = machine_record()
+    record["machine"] = machines["budgets"]
+    if part in (None, "budgets"):
+        record["study"] = {"size": study.size, "frames": study.frames, "tolerance": TOLERANCE}
     files = [folder / f"budget{suffix}" for suffix in (".json", ".png", ".md")]
     write_record(files[0], record)
     write_atomically(files[1], lambda path: plot(path, record))
@@ -211,12 +230,20 @@ def run(study: StudyOptions, folder: Path, parts: Parts) -> list[Path]:
     return files
 
 
+def recorded(folder: Path) -> dict[str, Any]:
+    """What an earlier run left in a folder, or, where there is none, in the documentation."""
+    places = [place / "budget.json" for place in (folder, RESULTS)]
+    found = next((place for place in places if place.exists()), None)
+    if found is None:
+        raise SystemExit(f"no earlier run in {folder} to keep the rest of: leave out --part")
+    kept: dict[str, Any] = json.loads(found.read_text())
+    return kept
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """The command."""
-    run_in_parts(
-        __doc__,
-        lambda folder, quick, parts: run(QUICK if quick else StudyOptions(), folder, parts),
-        "budget",
-        quick="a check that takes seconds",
-        argv=argv,
-    )
+    parser = parts_parser(__doc__, quick="a check that takes seconds")
+    parser.add_argument("--part", choices=tuple(PARTS), help="measure this alone, keep the rest of the recorded page")
+    arguments = parser.parse_args(argv)
+    study = QUICK if arguments.quick else StudyOptions()
+    write_in_parts(arguments, lambda folder, parts: run(study, folder, parts, arguments.part), "budget")
