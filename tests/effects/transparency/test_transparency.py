@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -12,8 +13,9 @@ from torch import Tensor
 
 import torchrender as tr
 from torchrender.buffers import RayHits
+from torchrender.effects.transparency import pane_shadow as shadows_of_panes
 from torchrender.effects.transparency.layers import deepest_layers, transparency
-from torchrender.effects.transparency.pane_shadow import pane_shadow
+from torchrender.effects.transparency.pane_shadow import pane_shadow, pane_shadows
 from torchrender.effects.transparency.passing import passing_light
 from torchrender.errors import OptionError
 from torchrender.pipeline.options import RenderOptions
@@ -182,6 +184,35 @@ def test_panes_take_their_part_of_the_light() -> None:
     share = pane_shadow(scene, RayCaster(scene.geometry.panes), light, seen)[0]
     assert float(share[16, 16]) == pytest.approx(0.375, abs=1e-5)
     assert float(share[16, 2]) == 1.0
+
+
+def test_what_panes_let_pass_is_found_once_for_all_surfaces_and_lights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many rays and hits go together, the shares are the same."""
+    materials = (Material(), glowing(RED, 0.25), glowing(RED, 0.5))
+    meshes = (pane(0.0, 0), pane(1.0, 1, 1.0), pane(1.5, 2, 1.5))
+    lights = (
+        DirectionalLight(direction=torch.tensor([0.3, 0.0, -1.0])),
+        PointLight(position=torch.tensor([0.0, 0.5, 1.2]), intensity=torch.ones(3)),
+        DirectionalLight(direction=torch.tensor([0.0, 0.0, -1.0])),
+    )
+    scene = Scene(meshes=meshes, materials=materials, lights=lights)
+    seen, panes, asked = rasterize(scene, view(17)), RayCaster(scene.geometry.panes), []
+
+    def counting(*given: Any) -> Any:
+        asked.append(len(given[1]))
+        return passing_light(*given)
+
+    monkeypatch.setattr(shadows_of_panes, "passing_light", counting)
+    together = pane_shadows(scene, panes, lights, seen)
+    assert len(asked) == 1
+    assert len(together.unique()) >= 4  # none, either and both of the panes
+    monkeypatch.setattr(shadows_of_panes, "RAYS", 1)
+    monkeypatch.setattr(shadows_of_panes, "TOGETHER", 1)
+    torch.testing.assert_close(together, pane_shadows(scene, panes, lights, seen), rtol=1e-6, atol=1e-6)
+    assert len(asked) == 1 + 2 + 1 + 2  # each layer of each light
+    alone = [pane_shadow(scene, panes, light, seen) for light in lights]
+    torch.testing.assert_close(together, torch.stack(alone, dim=1), rtol=1e-6, atol=1e-6)
+    assert pane_shadows(scene, panes, (), seen).shape == (1, 0, 17, 17)
 
 
 def test_a_light_inside_glass_gets_out_in_part() -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -50,7 +51,7 @@ class LitPicture:
     light: Tensor  # (H,W,3) linear, with what is mirrored
     mirrors: MirroredLight | None = None  # None: nothing mirrors
 
-    @property
+    @cached_property
     def matte(self) -> Tensor:
         """(H,W,3) light without what is mirrored."""
         return self.light if self.mirrors is None else (self.light - self.mirrors.light).clamp_min(0.0)
@@ -68,7 +69,7 @@ class CarriedLight:
     @property
     def share(self) -> float:
         """Of the pixels, that are known."""
-        return float(self.known.float().mean())
+        return int(self.known.count_nonzero()) / max(1, self.known.numel())
 
 
 def carried_light(seen: VisibilityBuffer, pictures: Sequence[LitPicture], materials: Tensor) -> CarriedLight:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import torch
 from torch import Tensor
 
-from torchrender.effects.transparency.pane_shadow import pane_shadow
+from torchrender.effects.transparency.pane_shadow import pane_shadow, pane_shadows
 from torchrender.passes.contract import Amounts, Pass
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, no_lights
 from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
@@ -33,9 +32,8 @@ def applies(outlook: Outlook) -> Verdict:
 
 def run(frame: Frame) -> Tensor:
     """Rays to each light."""
-    scene, gbuffer = frame.scene, frame[GBUFFER]
-    panes = RayCaster(scene.geometry.panes)
-    return torch.stack([pane_shadow(scene, panes, light, gbuffer) for light in scene.lights], dim=1)
+    scene = frame.scene
+    return pane_shadows(scene, RayCaster(scene.geometry.panes), scene.lights, frame[GBUFFER])
 
 
 def amounts(outlook: Outlook) -> Amounts:
@@ -51,8 +49,7 @@ def _paned(subject: Subject, opacity: float) -> tuple[Scene, RayCaster]:
 
 def _shares(subject: Subject) -> Outputs:
     scene, panes = _paned(subject, 0.5)
-    found = [pane_shadow(scene, panes, light, subject.gbuffer) for light in scene.lights]
-    return {"share": torch.stack(found, dim=1)}
+    return {"share": pane_shadows(scene, panes, scene.lights, subject.gbuffer)}
 
 
 def _clear(subject: Subject, outputs: Outputs) -> float:

@@ -24,7 +24,7 @@ from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender.wire.viewing import Effect
-from torchrender_service.renderers.streaming.glass import Base, View, lit_picture, veiled
+from torchrender_service.renderers.streaming.glass import Base, View, lit_picture, through_panes, veiled
 from torchrender_service.renderers.streaming.haze import PANELS, SLICES, Haze
 from torchrender_service.renderers.streaming.lattice import (
     extent,
@@ -37,7 +37,7 @@ from torchrender_service.renderers.streaming.lattice import (
     window_of,
 )
 from torchrender_service.renderers.streaming.layers import Layer
-from torchrender_service.renderers.streaming.samples import ShadedPixels, background_of, shade_pixels
+from torchrender_service.renderers.streaming.samples import ShadedPixels, background_of, joined, shade_pixels
 
 MOST_PICTURES = 4
 MOST_OF_STILL = 0.8
@@ -152,7 +152,7 @@ def carried_picture(
     if not pictures or veiled(scene, camera, options):
         return None
     begin = time.perf_counter()
-    view = View.of(scene, camera, options, past)
+    view = View.of(scene, camera, options, past, moving=budget_ms is not None)
     if view is None:
         return None
     carried = carried_light(view.apart, pictures, scene.geometry.material)
@@ -220,20 +220,55 @@ def smooth_edges(image: Image, light: Tensor, aside: Sequence[tuple[float, float
 
 
 def moved_aside(
-    scene: Scene, camera: Cameras, base: Base, options: RenderOptions, past: RenderHistory
-) -> Tensor | None:
-    """The light (H,W,3) of a view that is a part of a pixel beside another's, whose light it takes where the picture is
-    calm; busy pixels, and what is seen between those of the other, are shaded. None where the history lacks what its
-    panes or media need."""
+    scene: Scene, cameras: Sequence[Cameras], base: Base, options: RenderOptions, past: RenderHistory
+) -> list[Tensor] | None:
+    """The light (H,W,3) of views a part of a pixel beside another's, whose light they take where the picture is calm;
+    busy pixels, and what is seen between those of the other, are shaded, those of all views together. None where the
+    history lacks what their panes or media need."""
     clock = StepClock()
-    with clock.measure("seen"):
-        view = View.of(scene, camera, options, past, base)
-    if view is None:
-        return None
-    with clock.measure("carried"):
-        carried = carried_light(view.apart, [base.picture], scene.geometry.material)
-    fresh = view.filled & (base.busy | ~carried.known)
-    return _completed(scene, view, carried, fresh, None, options, past)[1]
+    views, lights, chosen = [], [], []
+    for camera in cameras:
+        with clock.measure("seen"):
+            view = View.of(scene, camera, options, past, base)
+        if view is None:
+            return None
+        with clock.measure("carried"):
+            carried = carried_light(view.apart, [base.picture], scene.geometry.material)
+        _fill_sky(scene, view, carried, options, past)
+        views.append(view)
+        lights.append(carried.light)
+        chosen.append(view.filled & (base.busy | ~carried.known))
+    _shade(scene, views, chosen, lights, options, past)
+    return [view.hazed(light) for view, light in zip(views, lights, strict=True)]
+
+
+def _shade(
+    scene: Scene,
+    views: Sequence[View],
+    chosen: Sequence[Tensor],
+    lights: Sequence[Tensor],
+    options: RenderOptions,
+    past: RenderHistory,
+) -> tuple[Tensor, ShadedPixels]:
+    """Put into the lights (H,W,3) of one eye's views what their chosen pixels (H,W) show, through panes but not media;
+    which of these are covered, and how they were shaded."""
+    bare = replace(options, scattering=replace(options.scattering, air=False))
+    seen = joined([view.seen for view in views])
+    solid = torch.stack(list(chosen)) & seen.covered
+    shaded = shade_pixels(scene, seen, solid, bare, past)
+    for light, own, part in zip(lights, solid, shaded.radiance.split([int(own.sum()) for own in solid]), strict=True):
+        light[own] = part
+    through_panes(scene, views, chosen, lights)
+    return solid, shaded
+
+
+def _fill_sky(scene: Scene, view: View, carried: CarriedLight, options: RenderOptions, past: RenderHistory) -> None:
+    """Put what surrounds the scene into the light, where it is seen and not known."""
+    sky = ~carried.known & ~view.seen.covered[0]
+    if bool(sky.any()):
+        window = tuple(extent(sky.any(dim=axis)) for axis in (1, 0))
+        shown = background_of(scene, window_of(view.seen, *window), replace(options, media=False), past)
+        carried.light[sky] = shown[sky[window]]
 
 
 def _completed(
@@ -246,35 +281,23 @@ def _completed(
     past: RenderHistory,
 ) -> tuple[Tensor, Tensor, ShadedPixels]:
     """Which covered pixels (H,W) were shaded, and radiance (H,W,3) with the rest (H,W) of the pixels, and the sky."""
-    radiance, seen = carried.light, view.seen
-    count = int(rest.sum())
+    radiance, count = carried.light, int(rest.sum())
     room = count if room is None else room
     spacing = spacing_of(count, room)
     rows, columns = (middles(side, spacing) for side in rest.shape)
-    lattice = torch.zeros_like(rest)
-    lattice[rows[:, None], columns] = True
-    placed = rest & lattice
-    chosen = placed | scattered(rest & ~lattice, room - int(placed.sum()))
-    solid = chosen & seen.covered[0]
-    # What media put before the eye is put before all that is seen, at the end.
-    bare = replace(options, scattering=replace(options.scattering, air=False))
-    shaded = shade_pixels(scene, seen, solid[None], bare, past)
-    radiance[solid] = shaded.radiance
-    sky = ~carried.known & ~seen.covered[0]
-    if bool(sky.any()):
-        window = tuple(extent(sky.any(dim=axis)) for axis in (1, 0))
-        shown = background_of(scene, window_of(seen, *window), replace(options, media=False), past)
-        radiance[sky] = shown[sky[window]]
-    radiance[chosen] = view.through(scene, chosen, radiance[chosen])
+    lattice = torch.zeros_like(rest).index_put_((rows[:, None], columns), torch.tensor(True))
+    chosen = rest & lattice
+    chosen |= scattered(rest & ~lattice, room - int(chosen.sum()))
+    _fill_sky(scene, view, carried, options, past)
+    solid, shaded = _shade(scene, [view], [chosen], [radiance], options, past)
     between = rest & ~chosen
     if bool(between.any()):
         few = part_of(view.apart, rows[:, None], columns)
         size = spacing * len(rows), spacing * len(columns)
         many, wanted = widened(view.apart, size), widen(between[None], size, False)
-        colors = radiance[rows[:, None], columns][None]
-        filled = joint_upsampled(colors, few, many, scene.geometry.material, wanted)[0]
+        filled = joint_upsampled(radiance[rows[:, None], columns][None], few, many, scene.geometry.material, wanted)[0]
         radiance[between] = filled[wanted[0]]
-    return solid, radiance if view.haze is None else view.haze.before(radiance), shaded
+    return solid[0], view.hazed(radiance), shaded
 
 
 def _outlines(seen: VisibilityBuffer) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -23,6 +24,7 @@ from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 from torchrender_service.renderers.streaming.haze import Haze, is_hazy
 from torchrender_service.renderers.streaming.layers import MIRRORS_NEED, Layer
+from torchrender_service.renderers.streaming.samples import joined, rays_to
 
 CARRYING_NEEDS = (*MIRRORS_NEED, SCATTERING.name)
 """Buffers that a picture must carry whose light is carried."""
@@ -50,16 +52,15 @@ class Glass:
         return cls(RayCaster(scene.geometry.panes), layer_shader(shader), options.transparent_layers)
 
     def over(self, scene: Scene, seen: VisibilityBuffer, rows: Tensor, light: Tensor) -> Tensor:
-        """The light (N,3) of some pixels of one camera through the panes before them.
+        """The light (N,3) of some pixels of one eye through the panes before them.
 
         Args:
-            seen: (1,H,W) of a perspective camera.
-            rows: (N,) int64 flat places of the pixels.
+            seen: (B,H,W) of perspective cameras that look from one place into one direction.
+            rows: (N,) int64 flat places of the pixels, in order.
             light: (N,3) of what these pixels see without panes.
         """
-        camera = seen.cameras
-        pixels = torch.stack([rows % camera.width, rows // camera.width], dim=-1) + 0.5
-        origins, directions = (value[0].contiguous() for value in camera.rays(pixels[None]))
+        origins, directions = rays_to(seen, rows)
+        camera = seen.cameras[0]
         lengths = directions.norm(dim=-1)
         width = camera.footprint(torch.ones(1, 1, dtype=torch.float64)).reshape(-1).expand(len(rows)) / lengths
         rays = Rays(origins, directions / lengths[:, None], torch.zeros_like(lengths), width, len(rows))
@@ -89,12 +90,20 @@ class View:
 
     @classmethod
     def of(
-        cls, scene: Scene, camera: Cameras, options: RenderOptions, past: RenderHistory, near: Base | None = None
+        cls,
+        scene: Scene,
+        camera: Cameras,
+        options: RenderOptions,
+        past: RenderHistory,
+        near: Base | None = None,
+        *,
+        moving: bool = False,
     ) -> View | None:
         """Drawn now. None where no picture before left what its panes or media need.
 
         Args:
             near: a picture less than a pixel aside, whose media serve.
+            moving: another picture follows soon.
         """
         glass = Glass.of(scene, past, options)
         haze: Haze | None = None
@@ -105,7 +114,7 @@ class View:
             if near is not None and near.haze is not None:
                 haze = near.haze.spread(scene, near.seen, seen)
             else:
-                haze = Haze.of(scene, seen, options, past)
+                haze = Haze.of(scene, seen, options, past, moving=moving)
             if haze is None:
                 return None
         return cls(seen, seen if glass is None else told_apart(scene, seen), glass, haze)
@@ -114,20 +123,34 @@ class View:
         """The light (N,3) of chosen pixels (H,W) without what media put before them."""
         return light if self.haze is None else self.haze.behind(light, chosen)
 
+    def hazed(self, light: Tensor) -> Tensor:
+        """The light (H,W,3) of all that is seen, with what media put before it."""
+        return light if self.haze is None else self.haze.before(light)
+
     @property
     def filled(self) -> Tensor:
         """(H,W) bool: a surface, or a pane, is there."""
-        return (self.seen.covered | (self.apart.object_id != self.seen.object_id))[0]
+        return self.seen.covered[0] | self.behind
 
-    def through(self, scene: Scene, chosen: Tensor, light: Tensor) -> Tensor:
-        """The light (N,3) of chosen pixels (H,W), row by row, as the panes before them let it pass and add to it."""
-        if self.glass is None:
-            return light
-        behind = (self.apart.object_id != self.seen.object_id)[0]
-        own = behind[chosen]
-        if bool(own.any()):
-            light[own] = self.glass.over(scene, self.seen, (chosen & behind).reshape(-1).nonzero()[:, 0], light[own])
-        return light
+    @property
+    def behind(self) -> Tensor:
+        """(H,W) bool: something is seen through panes."""
+        return (self.apart.object_id != self.seen.object_id)[0]
+
+
+def through_panes(scene: Scene, views: Sequence[View], chosen: Sequence[Tensor], light: Sequence[Tensor]) -> None:
+    """Let the light (H,W,3) of chosen pixels (H,W) of one eye's views pass the panes before these, and add theirs."""
+    glass = views[0].glass
+    if glass is None:
+        return
+    places = [own & view.behind for own, view in zip(chosen, views, strict=True)]
+    rows = torch.cat([own.reshape(-1) for own in places]).nonzero()[:, 0]
+    if not len(rows):
+        return
+    own = torch.cat([image[at] for image, at in zip(light, places, strict=True)])
+    made = glass.over(scene, joined([view.seen for view in views]), rows, own)
+    for image, at, part in zip(light, places, made.split([int(at.sum()) for at in places]), strict=True):
+        image[at] = part
 
 
 def lit_picture(image: Image, light: Tensor, mirrors: Layer | None) -> LitPicture:

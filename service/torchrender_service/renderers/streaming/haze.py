@@ -19,9 +19,10 @@ from torchrender.raster import rasterize_visibility
 from torchrender.scene.camera import Cameras
 from torchrender.scene.model import Scene
 
-SCALE = 0.25
+SCALE, SCALE_MOVING = 1 / 4, 1 / 6
 """Of a side of the picture that media are made for, to be spread along surfaces: what they add changes slowly, but at
-outlines."""
+outlines. Of views at rest, and of those that move, in half the time: in front of the street lamp 50 and 46 dB beside
+media of all pixels."""
 SLICES = (256, 256)
 """Of each light's depth images, where rays are lit."""
 PANELS = 4
@@ -38,10 +39,18 @@ class Haze:
     added: Tensor  # (H,W,3) radiance
 
     @classmethod
-    def of(cls, scene: Scene, seen: VisibilityBuffer, options: RenderOptions, past: RenderHistory) -> Haze | None:
+    def of(
+        cls,
+        scene: Scene,
+        seen: VisibilityBuffer,
+        options: RenderOptions,
+        past: RenderHistory,
+        *,
+        moving: bool = False,
+    ) -> Haze | None:
         """Made quickly for a new view; None where the pictures before left no depth images of the lights."""
         options = replace(options, scattering=replace(options.scattering, block=1, slices=SLICES, panels=PANELS))
-        few = rasterize_visibility(scene.geometry, seen.cameras.scaled(SCALE))
+        few = rasterize_visibility(scene.geometry, seen.cameras.scaled(SCALE_MOVING if moving else SCALE))
         layer = layer_before(scene, few, options, past)
         if layer is None:
             return None

@@ -27,7 +27,11 @@ def scattered(pixels: Tensor, count: int) -> Tensor:
     total = int(pixels.sum())
     if count <= 0 or not total:
         return torch.zeros_like(pixels)
-    return pixels & (torch.rand(pixels.shape, generator=torch.Generator().manual_seed(total)) < count / total)
+    rows = pixels.reshape(-1).nonzero()[:, 0]
+    drawn = rows[torch.rand(total, generator=torch.Generator().manual_seed(total)) < count / total]
+    chosen = torch.zeros_like(pixels)
+    chosen.view(-1)[drawn] = True
+    return chosen
 
 
 def widened(seen: VisibilityBuffer, size: tuple[int, int]) -> VisibilityBuffer:

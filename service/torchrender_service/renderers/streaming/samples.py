@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import torch
@@ -14,6 +15,7 @@ from torchrender.pipeline.options import RenderOptions
 from torchrender.planning.plan import Plan
 from torchrender.raster import surface_attributes
 from torchrender.renderer import light_of_samples
+from torchrender.scene.camera import Cameras
 from torchrender.scene.mesh import Geometry
 from torchrender.scene.model import Scene
 from torchrender.shade import shade
@@ -25,6 +27,8 @@ BUSY = 16
 """Codes of 255 between neighbours from which a pixel of a smooth picture is shaded in all its places."""
 MOST_BUSY, FEW_BUSY = 0.1, 1 << 14
 """Share of the pixels that are, and how many always may be."""
+PARTS = ("depth", "triangle", "object_id", "barycentric")
+"""Of what cameras see."""
 _EMPTY = {"triangle": -1, "object_id": -1, "material": -1, "depth": torch.inf}
 
 
@@ -40,18 +44,38 @@ class ShadedPixels:
 def shade_pixels(
     scene: Scene, seen: VisibilityBuffer, wanted: Tensor, options: RenderOptions, past: RenderHistory
 ) -> ShadedPixels:
-    """Light of some covered pixels of one camera.
+    """Light of some covered pixels of one eye, all at once: whatever few pixels cost of their own is paid but once.
 
     Args:
         scene: as it was given to the pictures that left ``past``.
-        seen: (1,H,W) of a perspective camera.
-        wanted: (1,H,W) bool; pixels that see nothing are left out.
+        seen: (B,H,W) of perspective cameras that look from one place into one direction.
+        wanted: (B,H,W) bool; pixels that see nothing are left out.
     """
     rows = (wanted & seen.covered).reshape(-1).nonzero()[:, 0]
     if not len(rows):
         return ShadedPixels(torch.zeros(0, 3), None, past)
     made = light_of_samples(scene, _packed(scene.geometry, seen, rows), options, past)
     return ShadedPixels(made.radiance.reshape(-1, 3)[: len(rows)], made.plan, made.history)
+
+
+def joined(seen: Sequence[VisibilityBuffer]) -> VisibilityBuffer:
+    """What several cameras see, as one; of a single one itself."""
+    if len(seen) == 1:
+        return seen[0]
+    parts = {name: torch.cat([getattr(one, name) for one in seen]) for name in PARTS}
+    return VisibilityBuffer(Cameras.cat([one.cameras for one in seen]), **parts)
+
+
+def rays_to(seen: VisibilityBuffer, rows: Tensor) -> tuple[Tensor, Tensor]:
+    """Origins and directions (N,3), of depth 1, of rays to flat places (N,) int64, in order, in what B cameras see."""
+    cameras = seen.cameras
+    size = cameras.width * cameras.height
+    found = []
+    for k, own in enumerate(rows.split((rows // size).bincount(minlength=len(cameras)).tolist())):
+        pixels = torch.stack([own % cameras.width, own % size // cameras.width], dim=-1) + 0.5
+        found.append(cameras[k].rays(pixels[None]))
+    origins, directions = (torch.cat([value[0] for value in values]) for values in zip(*found, strict=True))
+    return origins.contiguous(), directions.contiguous()
 
 
 def busiest(codes: Array) -> Tensor:
@@ -87,16 +111,14 @@ def only(seen: VisibilityBuffer, kept: Tensor) -> VisibilityBuffer:
 
 
 def _packed(geometry: Geometry, seen: VisibilityBuffer, rows: Tensor) -> GBuffer:
-    """Pixels (N,) int64 of one camera, all covered, in rows of a small picture whose last one is filled up.
+    """Pixels (N,) int64 of one eye's cameras, all covered, in rows of a small picture whose last one is filled up.
 
     Their attributes are those of the hits of their rays: the rest of the picture is not looked at.
     """
-    count, camera = len(rows), seen.cameras
+    count, camera = len(rows), seen.cameras[0]
     height = -(-count // PACKED_WIDTH)
-    names = ("depth", "triangle", "object_id", "barycentric")
-    own = {name: getattr(seen, name).flatten(0, 2)[rows] for name in names}
-    pixels = torch.stack([rows % camera.width, rows // camera.width], dim=-1) + 0.5
-    origins, directions = (value[0].contiguous() for value in camera.rays(pixels[None]))
+    own = {name: getattr(seen, name).flatten(0, 2)[rows] for name in PARTS}
+    origins, directions = rays_to(seen, rows)
     hits = RayHits(own["depth"].double(), own["triangle"], own["barycentric"])
     surface = hit_surface(geometry, CastRays(origins, directions, hits, camera.footprint(hits.t[None])[0]))
 

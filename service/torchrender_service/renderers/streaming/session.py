@@ -91,15 +91,15 @@ class Refinement:
             )
 
     @property
-    def next_camera(self) -> Cameras:
-        """The camera of the next picture, a part of a pixel aside: of further ones the margin is left out that only a
-        moving view needs."""
+    def next_cameras(self) -> list[Cameras]:
+        """Of the pictures to come, a part of a pixel aside: of further ones the margin is left out that only a moving
+        view needs."""
         if self.light is None:
-            return self.camera
+            return [self.camera]
         rows, columns = self._shown
-        right, down = ASIDE[self.count - 1]
         size = columns.stop - columns.start, rows.stop - rows.start
-        return self.camera.sub_camera(columns.start + right, rows.start + down, *size)
+        places = ASIDE[self.count - 1 :]
+        return [self.camera.sub_camera(columns.start + right, rows.start + down, *size) for right, down in places]
 
     @property
     def _shown(self) -> tuple[slice, slice]:

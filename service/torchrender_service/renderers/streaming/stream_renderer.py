@@ -154,31 +154,33 @@ class StreamRenderer:
 
     @torch.no_grad()
     def smooth(self, job: SmoothKeyframe) -> dict[str, Any]:
-        """One more picture of a refinement; ``left`` tells how many are missing, with the last comes the message.
+        """One more picture of a refinement, or all that take their light from the first, as far as they can; ``left``
+        tells how many are missing, with the last comes the message.
 
-        Nothing is left and no message comes where the session has gone on meanwhile. One picture at a time, so that
-        a view that moves again waits for none but that one.
+        Nothing is left and no message comes where the session has gone on meanwhile.
         """
         state, refined = self._sessions.get(job.session), self._refined.get(job.session)
         if state is None or refined is None:
             return {"messages": [], "left": 0}
         begin = time.perf_counter()
-        camera, options = refined.next_camera, options_of(STREAMED, refined.job.off)
+        cameras, options = refined.next_cameras, options_of(STREAMED, refined.job.off)
         if refined.bounds.max_error is not None:
             options = refined.begun.options  # chosen for that
         base = refined.base
-        light = None if base is None else moved_aside(refined.scene, camera, base, options, refined.begun.past)
-        if light is not None:
-            refined.add(light)
+        lights = None if base is None else moved_aside(refined.scene, cameras, base, options, refined.begun.past)
+        if lights is not None:
+            for light in lights:
+                refined.add(light)
         else:
-            made = self._at_rest(refined.scene, camera, state, refined.job, refined.bounds, keep=refined.light is None)
+            first = refined.light is None
+            made = self._at_rest(refined.scene, cameras[0], state, refined.job, refined.bounds, keep=first)
             refined.take(made, whole=not veiled(refined.scene, refined.camera, options))
         begun = refined.begun
-        assert refined.light is not None
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
         left = 1 + len(ASIDE) - refined.count
         if left:
             return {"messages": [], "left": left}
+        assert refined.light is not None
         del self._refined[job.session]
         stamp = replace(begun.stamp, id=job.id, samples=refined.count)
         image, light = begun.image, refined.light / refined.count
