@@ -238,7 +238,7 @@ def test_importing_the_package_and_its_command_line_loads_nothing_heavy() -> Non
 
 
 def test_thread_settings_are_made_before_torch_is_imported() -> None:
-    code = "import os, sys; from torchrender.cli import main as cli; cli._set_up_threads(1);"
+    code = "import os, sys; from torchrender.cli import main as cli; cli.set_up_threads(1);"
     code += " assert 'torch' not in sys.modules;"
     code += " import torch; print(os.environ['OMP_WAIT_POLICY'], torch.get_num_threads())"
     assert fresh(code) == "PASSIVE 1"
