@@ -135,7 +135,7 @@ def test_bad_cameras(server: RunningServer) -> None:
         ({"density": -1}, "density"),
         ({"layers": 9}, "layers"),
         ({"layers": 1.5}, "layers"),
-        ({"budget_ms": float("nan")}, "budget_ms must be finite, got nan"),
+        ({"budget_ms": float("nan")}, "budget_ms"),
         ({"budget_ms": 0.0}, "budget_ms"),
         ({"max_error": 5}, "max_error"),
         ({"asymmetry": "g"}, "asymmetry"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from torchrender.errors import ImageFileError
@@ -47,7 +48,7 @@ def keep_inputs(arguments: argparse.Namespace) -> None:
         value = given.get(name) or ()
         words = [value] if isinstance(value, str) else value
         inputs += [word.partition("=")[2] if name == "move" else word for word in words]
-    there = [path for path in outputs if path.is_file()]
+    there = [path for path in outputs if os.path.isfile(path)]
     if there:
         from torchrender.scene.files.named import names_file
 

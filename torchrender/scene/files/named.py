@@ -18,7 +18,7 @@ def names_file(source: Path, file: Path) -> bool:
     todo, seen = [source], set()
     while todo:
         text = todo.pop()
-        if text in seen or not text.is_file():
+        if text in seen or not os.path.isfile(text):
             continue
         seen.add(text)
         if text.samefile(file):
