@@ -18,7 +18,7 @@ from torchrender.cli import main as cli
 from torchrender.cli.arguments import Parser, set_up_threads
 from torchrender.cli.output import Terminated, ending_when_told
 from torchrender.errors import ImageFileError, OptionError
-from torchrender.images import files
+from torchrender.images import files, film
 
 POSES = {"pose": [{"eye": [0, 1, 3.5], "target": [0, 1, 0]}, {"eye": [0.2, 1, 3.4], "target": [0, 1, 0]}]}
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -93,8 +93,43 @@ def test_frames_of_a_longer_flight_go_and_those_of_others_stay(
     assert names == ["frame_0000.png", "frame_0001.png", "frame_0009.png"]
     assert "1 more frames, from number 2 on, that are not of this film" in capsys.readouterr().err
     (out / "statistics.json").write_text('{"frame": 7}')
-    assert cli.main([*words, "--frames", "1"]) == 0, "statistics of somebody else are none"
-    assert (out / "frame_0001.png").exists()
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert cli.main([*words, "--frames", "1"]) == 2, "statistics of somebody else are none"
+    assert "frame_0000.png: is there, and no flight made it: give another folder" in capsys.readouterr().err
+    for path in out.glob("frame_000[01].png"):
+        path.unlink()
+    assert cli.main([*words, "--frames", "1"]) == 2
+    assert "statistics.json: is there, and no flight made it" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in out.iterdir()}.items() <= before.items()
+
+
+def test_a_flight_that_was_stopped_is_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "frames"
+    words = ["fly", "cornell_box", "--path", "orbit", "--size", "16x16", "-o", str(out)]
+    usual, count = film.write_image, iter(range(9))
+
+    def stopped(path: Path, picture: Any) -> None:
+        if next(count) == 2:
+            raise KeyboardInterrupt
+        usual(path, picture)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(film, "write_image", stopped)
+        assert cli.main([*words, "--frames", "4"]) == 130
+    assert {path.name for path in out.iterdir()} == {"frame_0000.png", "frame_0001.png", "statistics.json"}
+    assert cli.main([*words, "--frames", "1"]) == 0
+    assert [path.name for path in out.glob("frame_*")] == ["frame_0000.png"]
+    assert json.loads((out / "statistics.json").read_text())[0]["ms"] > 0
+
+
+def test_cameras_of_somebody_else_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "cameras.json").write_text('{"files": ["photo.png"]}')
+    assert cli.main(["depth", "cornell_box", "--size", "8x8", "-o", str(tmp_path)]) == 2
+    assert "cameras.json: is there, and not of an earlier run" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["cameras.json"]
+    (tmp_path / "film.mp4").write_bytes(b"mine")
+    assert cli.main(["batch", "cornell_box", "--orbit", "2", "--what", "film", "-o", str(tmp_path)]) == 2
+    assert "holds film.mp4 that no batch made" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("output", ["out", "out.exr"])

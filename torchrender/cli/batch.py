@@ -62,7 +62,7 @@ def add_batch(commands: Any) -> None:
 
 def batch_command(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from torchrender.batch.job import Job, SceneSource
+    from torchrender.batch.job import JOB, Job, SceneSource
     from torchrender.batch.local import run
 
     _check_together(arguments)
@@ -70,6 +70,8 @@ def batch_command(arguments: argparse.Namespace) -> None:
     check_folder(output)
     if arguments.what == "film" and output.is_dir():
         check_file(output / FILM)
+        if (output / FILM).exists() and not (output / JOB).exists():
+            raise InputError(f"{output} holds {FILM} that no batch made: give another folder")
     rows = _cameras(arguments)
     if rows.not_used:
         sys.stderr.write(f"torchrender: warning: {arguments.cameras}: not used: {', '.join(rows.not_used)}\n")

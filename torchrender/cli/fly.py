@@ -24,7 +24,7 @@ from torchrender.cli.arguments import (
 from torchrender.cli.files.kept import beside
 from torchrender.cli.output import check_file, check_folder, check_output, collect_garbage, image_size, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
-from torchrender.errors import InputError, OptionError
+from torchrender.errors import ImageFileError, InputError, OptionError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -84,15 +84,16 @@ def fly(arguments: argparse.Namespace) -> None:
     from torchrender.renderer import render
 
     output = Path(arguments.output)
+    if not 1.0 <= arguments.fps <= 240.0:
+        raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
+    if arguments.frames < 1:
+        raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
     if output.suffix:
         check_output(output, FILMS)
         check_file(beside(output, "statistics.json"))
     else:
         check_folder(output)
-    if not 1.0 <= arguments.fps <= 240.0:
-        raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
-    if arguments.frames < 1:
-        raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
+        _check_own(output, arguments.frames)
     width, height = image_size(arguments.size)
     if is_walkthrough(arguments.scene):
         say_unused(arguments, ("output", "path", "frames", "fps", "size"), "a walkthrough")
@@ -154,14 +155,38 @@ def _write(
 
 
 def _clearing(folder: Path, pictures: Iterator[Tensor], count: int) -> Iterator[Tensor]:
-    """Once there is a picture, take away what an earlier, longer flight left: its statistics tell how many frames."""
+    """Once there is a picture, take away what an earlier, longer flight left: its statistics tell how many frames.
+
+    Those
+    of this one stand for its frames until they are all there.
+    """
+    from torchrender.images.files import write_bytes
     from torchrender.images.film import frame_name
 
     for number, picture in enumerate(pictures):
         if number == 0:
-            for earlier in range(count, _frames_of(beside(folder, "statistics.json"))):
+            statistics = beside(folder, "statistics.json")
+            for earlier in range(count, _frames_of(statistics)):
                 (folder / frame_name(earlier)).unlink(missing_ok=True)
+            write_bytes(statistics, json.dumps([{"frame": one} for one in range(count)]).encode())
         yield picture
+
+
+def _check_own(folder: Path, count: int) -> None:
+    """Refuse a folder whose frames or statistics no flight made, as a folder of photos.
+
+    Raises:
+        ImageFileError: names the first.
+    """
+    from torchrender.images.film import frame_name
+
+    statistics = beside(folder, "statistics.json")
+    own = _frames_of(statistics)
+    others = [folder / frame_name(number) for number in range(own, count)] + ([] if own else [statistics])
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    for path in others:
+        if path.name in there:
+            raise ImageFileError(path, "is there, and no flight made it: give another folder")
 
 
 def _frames_of(statistics: Path) -> int:

@@ -205,8 +205,8 @@ class StreamClient:
         unknown = look.keys() - {"exposure", "tone_map", "off"}
         if unknown:
             raise InputError(f"wish takes no {', '.join(sorted(unknown))}; of the look: exposure, tone_map, off")
-        wish = {"budget_ms": budget_ms, "max_error": max_error, "layers": layers, "density": density, **look}
-        settings = Settings(**wish, asymmetry=asymmetry, playing=playing)  # type: ignore[arg-type]
+        wish: dict[str, Any] = {"budget_ms": budget_ms, "max_error": max_error, "layers": layers, "density": density}
+        settings = Settings(**wish, **look, asymmetry=asymmetry, playing=playing)
         try:
             check_message(settings)
         except ProtocolError as error:

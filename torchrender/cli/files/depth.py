@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from torchrender.cli.arguments import add_scene, add_size, camera_of, given, load_scene, named
 from torchrender.cli.files.kept import beside
 from torchrender.cli.output import check_folder, check_output, image_size, progress
-from torchrender.errors import OptionError
+from torchrender.errors import ImageFileError, OptionError
 
 if TYPE_CHECKING:
     from torchrender.buffers import DepthImages
@@ -65,6 +65,8 @@ def depth_command(arguments: argparse.Namespace) -> None:
         check_output(output, (".npz", ".exr"))
     else:
         check_folder(output)
+    if output.suffix.lower() != ".npz":
+        _check_own(output)
     options = SamplingOptions(
         cull_backfaces=not arguments.two_sided,
         **given(method=arguments.method, redundancy=arguments.redundancy),
@@ -96,18 +98,34 @@ def write_depth(output: Path, images: DepthImages) -> list[Path]:
         write_npz(output, {**{name: getattr(images, name) for name in _ARRAYS}, **camera_arrays(images.cameras)})
         return [output]
     if output.suffix:
-        return _write_planes(output, output, images)
+        return _write_planes(output, images)
     with new_folder(output):
-        return _write_planes(output, output / "depth.exr", images)
+        return _write_planes(output, images)
 
 
-def _write_planes(output: Path, pattern: Path, images: DepthImages) -> list[Path]:
+def _pattern(output: Path) -> Path:
+    """What the files of images are called after."""
+    return output if output.suffix else output / "depth.exr"
+
+
+def _check_own(output: Path) -> None:
+    """Refuse to write over cameras of somebody else.
+
+    Raises:
+        ImageFileError: names the file.
+    """
+    described = beside(output, "cameras.json")
+    if described.exists() and not _earlier(described, _pattern(output)):
+        raise ImageFileError(described, "is there, and not of an earlier run of this command: give another output")
+
+
+def _write_planes(output: Path, images: DepthImages) -> list[Path]:
     import torch
 
     from torchrender.image import camera_arrays
     from torchrender.images.files import numbered, write_bytes, write_image
 
-    described = beside(output, "cameras.json")
+    described, pattern = beside(output, "cameras.json"), _pattern(output)
     files = [numbered(pattern, number, len(images)) for number in range(len(images))]
     earlier = _earlier(described, pattern)
     for number, file in enumerate(progress(files, "files")):
