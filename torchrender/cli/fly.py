@@ -157,8 +157,7 @@ def _write(
 def _clearing(folder: Path, pictures: Iterator[Tensor], count: int) -> Iterator[Tensor]:
     """Once there is a picture, take away what an earlier, longer flight left: its statistics tell how many frames.
 
-    Those
-    of this one stand for its frames until they are all there.
+    Those of this one stand for its frames until they are all there.
     """
     from torchrender.images.files import write_bytes
     from torchrender.images.film import frame_name
