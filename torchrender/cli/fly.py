@@ -155,7 +155,7 @@ def _write(
 
 
 def _clearing(folder: Path, pictures: Iterator[Tensor], count: int) -> Iterator[Tensor]:
-    """Once there is a picture, take away what an earlier, longer flight left: its statistics tell how many frames.
+    """Once there is a frame, take away what an earlier, longer flight left: its statistics tell how many frames.
 
     Those of this one stand for its frames until they are all there.
     """
@@ -163,12 +163,12 @@ def _clearing(folder: Path, pictures: Iterator[Tensor], count: int) -> Iterator[
     from torchrender.images.film import frame_name
 
     for number, picture in enumerate(pictures):
+        yield picture
         if number == 0:
             statistics = beside(folder, "statistics.json")
             for earlier in range(count, _frames_of(statistics)):
                 (folder / frame_name(earlier)).unlink(missing_ok=True)
             write_bytes(statistics, json.dumps([{"frame": one} for one in range(count)]).encode())
-        yield picture
 
 
 def _check_own(folder: Path, count: int) -> None:
