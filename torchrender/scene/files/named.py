@@ -15,7 +15,8 @@ _QUOTED = re.compile(rb"""["']([^"'\r\n]{1,1024}\.(?:gltf|obj|mtl))["']""", re.I
 
 def names_file(source: Path, file: Path) -> bool:
     """Whether a file is ``source`` itself, or one that it names, or that a text among those names."""
-    todo, seen = [source], set()
+    todo = [source]
+    seen: set[Path] = set()
     while todo:
         text = todo.pop()
         if text in seen or not os.path.isfile(text):
