@@ -340,3 +340,16 @@ def test_what_workers_say_is_said_once_each(tmp_path: Path, fake) -> None:
         run(job(2 * MOST_TOLD + 8), tmp_path / "many", workers=1)
     assert len(heard) == MOST_TOLD + 1
     assert str(heard[-1].message) == "5 more warnings are in the records of the chunks"
+
+
+@pytest.mark.parametrize(("shards", "name"), [(False, "000001.png"), (True, "shard_000000.tar")])
+def test_files_that_no_batch_made_are_not_written_over(shards: bool, name: str, tmp_path: Path) -> None:
+    mine = job(2, shards=shards)
+    (tmp_path / name).write_bytes(b"mine")
+    with pytest.raises(InputError, match=f"holds {name} that no batch made: give another folder"):
+        open_folder(tmp_path, mine, "digest")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    (tmp_path / name).unlink()
+    open_folder(tmp_path, mine, "digest")
+    (tmp_path / name).write_bytes(b"made")
+    assert open_folder(tmp_path, mine, "digest") == {}, "its own files are made again"

@@ -67,3 +67,26 @@ def test_wrong_wishes_are_refused(tmp_path, capsys, words, message) -> None:
     assert batch(*words, "-o", tmp_path / "out") == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_bad_rows_are_told_before_the_first_picture(tmp_path, monkeypatch, capsys) -> None:
+    seen = []
+
+    def run(job, folder, *, workers=None, tell=None):
+        del folder, workers, tell
+        seen.append(capsys.readouterr().err)
+        return Outcome(len(job.cameras), 0, {}, 0)
+
+    monkeypatch.setattr("torchrender.batch.local.run", run)
+    row = {"eye": [0.0, 1.0, 3.0], "target": [0.0, 1.0, 0.0]}
+    (tmp_path / "cameras.json").write_text(json.dumps([row, *[{"eye": 3}] * 12]))
+    assert batch("--cameras", tmp_path / "cameras.json", "-o", tmp_path / "out") == 2
+    (before,) = seen
+    assert before.count("left out: row ") == 10 and "left out: 2 more rows" in before
+    after = capsys.readouterr().err
+    assert "12 of 13 rows were left out" in after and "left out: row" not in after
+
+
+def test_a_folder_in_place_of_the_cameras_is_told(tmp_path, capsys) -> None:
+    assert batch("--cameras", tmp_path, "-o", tmp_path / "out") == 2
+    assert capsys.readouterr().err == f"torchrender: error: {tmp_path}: is a folder, not a file\n"

@@ -40,8 +40,8 @@ def test_a_film(tmp_path) -> None:
             break
         shapes.append(picture.shape)
     assert shapes == [(30, 40, 3)] * 4  # even sides
-    assert len(json.loads((tmp_path / "walk.json").read_text())) == 4
-    assert {p.name for p in tmp_path.iterdir()} == {"walk.mp4", "walk.json", "walk.png"}
+    assert len(json.loads((tmp_path / "walk_statistics.json").read_text())) == 4
+    assert {p.name for p in tmp_path.iterdir()} == {"walk.mp4", "walk_statistics.json", "walk_statistics.png"}
 
 
 def test_without_reuse_and_along_a_file(tmp_path) -> None:

@@ -96,3 +96,33 @@ def test_the_page_begins_with_it(query: bytes, status: int) -> None:
     assert response.status_code == status
     if status == 307:
         assert response.headers["location"] == "?scene=abc"
+
+
+def test_a_scene_that_a_full_disk_does_not_take_is_kept_later(
+    model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = tmp_path / "data"
+    with pytest.MonkeyPatch.context() as patch:
+
+        def refuse(*_: Any, **__: Any) -> int:
+            raise OSError(28, "No space left on device")
+
+        patch.setattr(Path, "write_text", refuse)
+        assert main(["serve", str(model), "--data", str(data)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "red.obj: cannot be kept in" in said and "(No space left on device)" in said
+    assert not list((data / "scenes").iterdir())
+    name, _ = _keep(model, data)
+    assert (data / "scenes" / name / "facts.json").exists()
+
+
+@pytest.mark.parametrize("left", ["", "{", '{"id": "other"}'])
+def test_a_broken_folder_of_a_scene_is_made_again(left: str, model: Path, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    name, _ = _keep(model, data)
+    facts = data / "scenes" / name / "facts.json"
+    whole = facts.read_text()
+    facts.write_text(left) if left else facts.unlink()
+    assert _keep(model, data) == (name, False)
+    assert json.loads(facts.read_text()) == json.loads(whole)
+    assert model.exists() and len(list((data / "scenes").iterdir())) == 1, "what the link leads to stays"

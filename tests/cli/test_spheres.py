@@ -34,7 +34,7 @@ def test_it_writes_a_set_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["spheres", str(tmp_path / "cube.obj"), *arguments]) == 0
     assert "8 spheres" in capsys.readouterr().out
     assert len(read_spheres(output).radii) == 8
-    picture = read_image(tmp_path / "set.png")
+    picture = read_image(tmp_path / "set_spheres.png")
     assert picture.shape[:2] == (32, 64)
     assert float((picture[:, :32, :3] - picture[:, 32:, :3]).abs().max()) > 0.1
 

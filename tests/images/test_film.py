@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import signal
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -110,3 +113,67 @@ def test_what_odd_sides_lose_is_said(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tr.write_film(tmp_path / "even.mp4", [frame[:, :12] for frame in FRAMES])
+
+
+@contextlib.contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """Files may have so many bytes: what a full disk is to their writers."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, usual)
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".avi", ".gif"])
+def test_a_film_that_the_disk_does_not_take_is_none(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"film{suffix}"
+    path.write_bytes(b"old")
+    frames = [torch.rand(96, 128, 3) for _ in range(20)]
+    with room_for(24 << 10), pytest.raises(ImageFileError, match=rf"film\{suffix}: cannot be written \("):
+        tr.write_film(path, frames)
+    assert path.read_bytes() == b"old" and len(list(tmp_path.iterdir())) == 1
+    tr.write_film(path, frames)
+    assert path.stat().st_size > 24 << 10, "what was tried above is more than fits"
+
+
+def test_how_many_frames_can_be_read_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = cv2.VideoWriter
+
+    class Forgetful:
+        """Leaves every other frame out."""
+
+        fourcc = staticmethod(usual.fourcc)
+
+        def __init__(self, *arguments: Any) -> None:
+            self._writer, self._count = usual(*arguments), 0
+
+        def write(self, picture: Any) -> None:
+            self._count += 1
+            if self._count % 2:
+                self._writer.write(picture)
+
+        def isOpened(self) -> bool:
+            return self._writer.isOpened()
+
+        def release(self) -> None:
+            self._writer.release()
+
+    monkeypatch.setattr(cv2, "VideoWriter", Forgetful)
+    with pytest.raises(ImageFileError, match=r"2 of 3 frames can be read of what was written; [\d,]+ bytes are free"):
+        tr.write_film(tmp_path / "film.avi", FRAMES)
+    assert not list(tmp_path.iterdir())
+
+
+def test_frames_of_a_longer_film_are_told(tmp_path: Path) -> None:
+    tr.write_film(tmp_path, FRAMES)
+    (tmp_path / "frame_old.png").write_bytes(b"")
+    with pytest.warns(NotUsedWarning, match="holds 2 more frames, from number 1 on, that are not of this film"):
+        tr.write_film(tmp_path, FRAMES[:1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tr.write_film(tmp_path, FRAMES)

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from websockets.exceptions import ConnectionClosedError
+from websockets.frames import Close
 
 from service_server import RunningServer
 from torchrender.client import StreamClient, StreamClosed, StreamedKeyframe, StreamError
+from torchrender.client.session import closed
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras
 from torchrender.wire.codec import display_bytes
@@ -124,3 +127,53 @@ def test_bad_cameras(server: RunningServer) -> None:
         client.send_pose(huge)
         with pytest.raises(StreamError, match="near"):
             client.receive()
+
+
+@pytest.mark.parametrize(
+    ("wish", "told"),
+    [
+        ({"density": -1}, "density"),
+        ({"layers": 9}, "layers"),
+        ({"layers": 1.5}, "layers"),
+        ({"budget_ms": float("nan")}, "budget_ms"),
+        ({"budget_ms": 0.0}, "budget_ms"),
+        ({"max_error": 5}, "max_error"),
+        ({"asymmetry": "g"}, "asymmetry"),
+        ({"playing": object()}, "object"),
+        ({"exposure": 99.0}, "exposure"),
+        ({"exposure": "bright"}, "exposure"),
+        ({"tone_map": "film"}, "tone_map"),
+        ({"off": ("fog",)}, "off"),
+        ({"speed": 3}, "wish takes no speed"),
+    ],
+)
+def test_wishes_that_the_service_would_refuse_are_told_at_once(
+    server: RunningServer, wish: dict[str, object], told: str
+) -> None:
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=0) as client:
+        with pytest.raises(InputError, match=told):
+            client.wish(**wish)
+        assert still_keyframe(client).images, "nothing was sent, nothing comes back"
+
+
+def test_wishes_for_the_look(server: RunningServer) -> None:
+    with StreamClient.connect(server.url, "cornell_box", size=SIZE, layers=0) as client:
+        before = still_keyframe(client)
+        client.wish(exposure=2.0, tone_map="aces", off=("shadows",))
+        after = client.receive()
+        assert after.id > before.id
+        bright = [float(k.images[0].codes.float().mean()) for k in (before, after)]
+        assert bright[1] > bright[0] + 10
+
+
+def test_the_end_of_a_stream_has_its_reason() -> None:
+    told = closed(ConnectionClosedError(Close(1008, "keyframes are not acknowledged"), None))
+    assert str(told) == "the stream was closed with 1008: keyframes are not acknowledged"
+    assert told.retry_after_s is None
+    assert str(closed(ConnectionClosedError(None, None))) == "the stream was closed with 1006"
+
+
+def test_an_address_that_is_not_the_services_is_named(server: RunningServer) -> None:
+    for path in ("/x", "/x/y"):
+        with pytest.raises(StreamError, match=f"{path}/v1/sessions answers 405 .*: no torchrender service has that"):
+            StreamClient.connect(server.url + path, "cornell_box", size=SIZE)

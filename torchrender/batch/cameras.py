@@ -79,8 +79,12 @@ def read_cameras(path: str | Path, *, width: int, height: int) -> CameraRows:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise SceneFileError(path, "no such file") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneFileError(path, str(error)) from error
+    except IsADirectoryError as error:
+        raise SceneFileError(path, "is a folder, not a file") from error
+    except OSError as error:
+        raise SceneFileError(path, error.strerror or str(error)) from error
+    except UnicodeDecodeError as error:
+        raise SceneFileError(path, f"is no text ({error})") from error
     made: list[Cameras] = []
     names: list[str] = []
     bad: list[str] = []

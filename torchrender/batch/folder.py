@@ -64,7 +64,8 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
         scene: digest of what the scene's source holds now.
 
     Raises:
-        InputError: the folder holds another batch, or the scene has changed since it began.
+        InputError: the folder holds another batch, or files that results would replace and no batch wrote, or the scene
+            has changed since it began.
         ImageFileError: it cannot be written.
     """
     try:
@@ -73,6 +74,7 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
         raise ImageFileError(folder, error.strerror or str(error)) from error
     known = _described(folder)
     if known is None:
+        _check_free(folder, job)
         _write_cameras(folder, job.cameras)
         text = json.dumps({"key": job.key(), "scene_digest": scene, **job.described()}, indent=1) + "\n"
         write_bytes(folder / JOB, text.encode())
@@ -88,6 +90,23 @@ def open_folder(folder: Path, job: Job, scene: str) -> dict[int, dict[str, Any]]
         raise InputError(f"{job.scene.path_or_name} has changed since the batch in {folder} began: give another folder")
     _write_cameras(folder, job.cameras)  # whole, whatever happened to the file
     return {chunk: record for chunk, record in _manifest(folder).items() if _is_there(folder, record)}
+
+
+def _check_free(folder: Path, job: Job) -> None:
+    """Refuse a folder whose files a new batch would write over.
+
+    Raises:
+        InputError: names the first.
+    """
+    there = {entry.name for entry in os.scandir(folder)}
+    if job.shards:
+        names = [f"shard_{chunk:06d}.tar" for chunk in range(job.chunks)]
+    else:
+        names = [f"{name}.{job.format}" for name in job.names]
+    taken = [name for name in names if name in there]
+    if taken:
+        more = f" and {len(taken) - 1} more files" if len(taken) > 1 else ""
+        raise InputError(f"{folder} holds {taken[0]}{more} that no batch made: give another folder")
 
 
 def load_job(folder: Path) -> tuple[Job, str]:

@@ -7,9 +7,7 @@ import os
 import sys
 
 from torchrender.cli.main import main
-
-LASTING = frozenset({"serve", "load-test"})
-"""Commands that run for hours and end as Python does."""
+from torchrender.cli.output import LASTING
 
 
 def run() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -16,11 +17,19 @@ if TYPE_CHECKING:
     from torchrender.scene.camera import Cameras
     from torchrender.scene.model import Scene
 
+MOST_THREADS = 1024
 _CAMERA_KEYS = {"eye": 3, "target": 3, "up": 3, "fov": 1, "near": 1}
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line, and keeps which options of a command were given."""
+    """A parser that says what is wrong in one line, and keeps which options of a command were given.
+
+    What begins with a minus and a digit is a value: ``--background -1,0,0``.
+    """
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         """Without the usage, which ``--help`` has."""
@@ -36,6 +45,22 @@ class Parser(argparse.ArgumentParser):
         }
         found.given_options = getattr(found, "given_options", {}) | changed
         return found, rest
+
+
+def set_up_threads(count: int | None) -> None:
+    """How many threads compute; before torch and numba are imported.
+
+    Raises:
+        OptionError: outside [1, MOST_THREADS].
+    """
+    # On a busy machine threads that spin while they wait made torch several times slower.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    if count is None:
+        return
+    if not 1 <= count <= MOST_THREADS:
+        raise OptionError(f"--threads must be in [1, {MOST_THREADS}], got {count}")
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = str(count)
 
 
 def say_unused(arguments: argparse.Namespace, used: Collection[str], what: str) -> None:

@@ -62,7 +62,7 @@ def add_batch(commands: Any) -> None:
 
 def batch_command(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from torchrender.batch.job import Job, SceneSource
+    from torchrender.batch.job import JOB, Job, SceneSource
     from torchrender.batch.local import run
 
     _check_together(arguments)
@@ -70,9 +70,12 @@ def batch_command(arguments: argparse.Namespace) -> None:
     check_folder(output)
     if arguments.what == "film" and output.is_dir():
         check_file(output / FILM)
+        if (output / FILM).exists() and not (output / JOB).exists():
+            raise InputError(f"{output} holds {FILM} that no batch made: give another folder")
     rows = _cameras(arguments)
     if rows.not_used:
         sys.stderr.write(f"torchrender: warning: {arguments.cameras}: not used: {', '.join(rows.not_used)}\n")
+    _say_bad(rows)
     choices = given(
         size=arguments.triangles,
         time=arguments.time,
@@ -170,10 +173,16 @@ def _film(folder: Path, names: tuple[str, ...], fps: float) -> Path:
     return write_film(folder / FILM, (read_image(folder / f"{name}.png") for name in names), fps)[0]
 
 
-def _complain(rows: CameraRows, failed: dict[int, str]) -> None:
-    """Tell what is missing; the exit code is that of wrong input."""
+def _say_bad(rows: CameraRows) -> None:
+    """Tell which rows are left out before the first picture is made, which may be hours before the last."""
     for line in rows.bad[:MOST_TOLD]:
         sys.stderr.write(f"torchrender: warning: left out: {line}\n")
+    if len(rows.bad) > MOST_TOLD:
+        sys.stderr.write(f"torchrender: warning: left out: {len(rows.bad) - MOST_TOLD} more rows\n")
+
+
+def _complain(rows: CameraRows, failed: dict[int, str]) -> None:
+    """Tell what is missing; the exit code is that of wrong input."""
     for chunk, why in list(failed.items())[:MOST_TOLD]:
         sys.stderr.write(f"torchrender: warning: chunk {chunk}: {why}\n")
     told = []

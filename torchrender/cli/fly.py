@@ -21,9 +21,10 @@ from torchrender.cli.arguments import (
     numbers,
     say_unused,
 )
-from torchrender.cli.output import check_folder, check_output, collect_garbage, image_size, make_folder, progress
+from torchrender.cli.files.kept import beside
+from torchrender.cli.output import check_file, check_folder, check_output, collect_garbage, image_size, progress
 from torchrender.cli.walkthrough import fly_pictures, is_walkthrough
-from torchrender.errors import InputError, OptionError
+from torchrender.errors import ImageFileError, InputError, OptionError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -43,7 +44,12 @@ def add_fly(commands: Any) -> None:
     parser = commands.add_parser("fly", help="render a camera path, reusing reflections, to a film or a folder")
     add_scene(parser)
     parser.add_argument(
-        "-o", "--output", required=True, metavar="OUT", help="film.mp4, .avi or .gif, or a folder for PNG files"
+        "-o",
+        "--output",
+        required=True,
+        metavar="OUT",
+        help="film.mp4, .avi or .gif, with film_statistics.json and, where matplotlib is, film_statistics.png; or a"
+        " folder for frame_0000.png ... and statistics.json, statistics.png, where frames of an earlier flight go",
     )
     parser.add_argument(
         "--path",
@@ -72,22 +78,26 @@ def add_fly(commands: Any) -> None:
 def fly(arguments: argparse.Namespace) -> None:
     """Run the command."""
     from torchrender.effects.reflections.reuse_options import ReuseOptions
-    from torchrender.images.film import FILMS, write_film
+    from torchrender.images.film import FILMS
     from torchrender.pipeline.history import RenderHistory
     from torchrender.pipeline.options import RenderOptions
     from torchrender.renderer import render
 
     output = Path(arguments.output)
-    film = bool(output.suffix)
-    check_output(output, FILMS) if film else check_folder(output)
     if not 1.0 <= arguments.fps <= 240.0:
         raise OptionError(f"--fps must be in [1, 240], got {arguments.fps}")
     if arguments.frames < 1:
         raise OptionError(f"--frames must be >= 1, got {arguments.frames}")
+    if output.suffix:
+        check_output(output, FILMS)
+        check_file(beside(output, "statistics.json"))
+    else:
+        check_folder(output)
+        _check_own(output, arguments.frames)
     width, height = image_size(arguments.size)
     if is_walkthrough(arguments.scene):
         say_unused(arguments, ("output", "path", "frames", "fps", "size"), "a walkthrough")
-        _fly_walkthrough(arguments, (width, height), film=film)
+        _fly_walkthrough(arguments, (width, height))
         return
     with named(key_frame_threshold="--threshold"):
         options = RenderOptions(reuse=ReuseOptions(**given(key_frame_threshold=arguments.threshold)))
@@ -97,8 +107,6 @@ def fly(arguments: argparse.Namespace) -> None:
     collect_garbage()
     path = _path(scene, arguments.path, arguments.seed)
     cameras = path.cameras(arguments.frames, width=width, height=height, near=1e-3 * (scene.diagonal or 1.0))
-    if not film:
-        make_folder(output)
     history = None if arguments.no_reuse else RenderHistory()
     records: list[dict[str, Any]] = []
 
@@ -117,19 +125,11 @@ def fly(arguments: argparse.Namespace) -> None:
             )
             yield image.displayed()[0]
 
-    files = write_film(output, pictures(), arguments.fps)
-    files += _write_statistics(output, records)
-    for line in (*(str(f) for f in files[-3:]), _summary(records)):
-        sys.stdout.write(line + "\n")
+    _write(output, pictures(), records, arguments)
 
 
-def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, film: bool) -> None:
+def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int]) -> None:
     """A flight through planes and points from photos."""
-    from torchrender.images.film import write_film
-
-    output = Path(arguments.output)
-    if not film:
-        make_folder(output)
     records: list[dict[str, Any]] = []
 
     def pictures() -> Iterator[Tensor]:
@@ -137,10 +137,64 @@ def _fly_walkthrough(arguments: argparse.Namespace, size: tuple[int, int], *, fi
             records.append(record)
             yield picture
 
-    files = write_film(output, pictures(), arguments.fps)
+    _write(Path(arguments.output), pictures(), records, arguments)
+
+
+def _write(
+    output: Path, pictures: Iterator[Tensor], records: list[dict[str, Any]], arguments: argparse.Namespace
+) -> None:
+    """The film and its statistics; ``records`` fills while it is drawn."""
+    from torchrender.images.film import write_film
+
+    if not output.suffix:
+        pictures = _clearing(output, pictures, arguments.frames)
+    files = write_film(output, pictures, arguments.fps)
     files += _write_statistics(output, records)
     for line in (*(str(f) for f in files[-3:]), _summary(records)):
         sys.stdout.write(line + "\n")
+
+
+def _clearing(folder: Path, pictures: Iterator[Tensor], count: int) -> Iterator[Tensor]:
+    """Once there is a frame, take away what an earlier, longer flight left: its statistics tell how many frames.
+
+    Those of this one stand for its frames until they are all there.
+    """
+    from torchrender.images.files import write_bytes
+    from torchrender.images.film import frame_name
+
+    for number, picture in enumerate(pictures):
+        yield picture
+        if number == 0:
+            statistics = beside(folder, "statistics.json")
+            for earlier in range(count, _frames_of(statistics)):
+                (folder / frame_name(earlier)).unlink(missing_ok=True)
+            write_bytes(statistics, json.dumps([{"frame": one} for one in range(count)]).encode())
+
+
+def _check_own(folder: Path, count: int) -> None:
+    """Refuse a folder whose frames or statistics no flight made, as a folder of photos.
+
+    Raises:
+        ImageFileError: names the first.
+    """
+    from torchrender.images.film import frame_name
+
+    statistics = beside(folder, "statistics.json")
+    own = _frames_of(statistics)
+    others = [folder / frame_name(number) for number in range(own, count)] + ([] if own else [statistics])
+    there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    for path in others:
+        if path.name in there:
+            raise ImageFileError(path, "is there, and no flight made it: give another folder")
+
+
+def _frames_of(statistics: Path) -> int:
+    """How many frames statistics of an earlier flight are of; none where there are no such."""
+    try:
+        records = json.loads(statistics.read_text())
+        return len(records) if [r["frame"] for r in records] == list(range(len(records))) else 0
+    except (OSError, ValueError, LookupError, TypeError):
+        return 0
 
 
 def _times(scene: Scene, arguments: argparse.Namespace) -> list[float] | None:
@@ -220,8 +274,7 @@ def _write_statistics(output: Path, records: list[dict[str, Any]]) -> list[Path]
     """Statistics of every frame as JSON, and as a plot where matplotlib is installed."""
     from torchrender.images.files import write_atomically
 
-    base = output.with_suffix("") if output.suffix else output / "statistics"
-    described, plot = base.with_name(base.name + ".json"), base.with_name(base.name + ".png")
+    described, plot = beside(output, "statistics.json"), beside(output, "statistics.png")
     text = json.dumps(records, indent=1) + "\n"
 
     def write(path: Path) -> None:

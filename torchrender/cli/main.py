@@ -23,16 +23,28 @@ from torchrender.cli.arguments import (
     camera_of,
     given,
     load_scene,
-    named,
     numbers,
     say_option,
     say_unused,
+    set_up_threads,
     shadows_and_exposure,
 )
 from torchrender.cli.batch import add_batch, batch_command
+from torchrender.cli.files.depth import add_depth, depth_command
+from torchrender.cli.files.kept import keep_inputs
 from torchrender.cli.fly import add_fly, fly
 from torchrender.cli.fog import add_fog, run_fog
-from torchrender.cli.output import check_output, collect_garbage, image_size, in_words, plain, progress, saying_warnings
+from torchrender.cli.output import (
+    Terminated,
+    check_output,
+    collect_garbage,
+    ending_when_told,
+    image_size,
+    in_words,
+    plain,
+    progress,
+    saying_warnings,
+)
 from torchrender.cli.plan import add_limits, add_plan, run_calibrate, run_plan, run_tradeoff, say_missed
 from torchrender.cli.points import add_points, draws_points, point_info, run_points
 from torchrender.cli.serve import add_load_test, add_serve, load_test_command, serve_command
@@ -48,7 +60,7 @@ from torchrender.cli.walkthrough import (
 )
 from torchrender.cli.warm_up import ColdStart, add_warm_up, warm_up_command
 from torchrender.cli.wishes import add_enhance, add_scene_fog, enhance_wish, foggy, say_outside
-from torchrender.errors import InputError, TorchRenderError
+from torchrender.errors import TorchRenderError
 from torchrender.kernels.hooks import before_compiling
 
 COLD = ColdStart()
@@ -59,9 +71,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 2 wrong input (said in one line on stderr)."""
     arguments = _parser().parse_args(argv)
     try:
-        _set_up_threads(arguments.threads)
+        set_up_threads(arguments.threads)
         COLD.start(arguments.command)
-        with before_compiling(COLD), saying_warnings():
+        keep_inputs(arguments)
+        with ending_when_told(arguments.command), before_compiling(COLD), saying_warnings():
             try:
                 _COMMANDS[arguments.command](arguments)
             finally:
@@ -74,9 +87,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"torchrender: error: out of memory: {plain(str(error))}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("torchrender: interrupted", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as error:
+        told, code = ("terminated", 143) if isinstance(error, Terminated) else ("interrupted", 130)
+        print(f"torchrender: {told}", file=sys.stderr)
+        return code
     except BrokenPipeError:
         # The reader of our output is gone (for instance ``head``); keep Python from complaining at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -172,36 +186,6 @@ def _info(arguments: argparse.Namespace) -> None:
         print(f"warning: {warning}")
 
 
-def _depth(arguments: argparse.Namespace) -> None:
-    from torchrender.cli.output import check_folder, write_depth, write_kinds
-    from torchrender.depth.kinds import sample_kinds
-    from torchrender.depth.options import SamplingOptions
-    from torchrender.depth.sample import sample_depth_images
-    from torchrender.depth.viewpoints import viewpoints_around
-
-    output = Path(arguments.output)
-    if output.suffix:
-        check_output(output, (".npz", ".exr"))
-    else:
-        check_folder(output)
-    options = SamplingOptions(
-        cull_backfaces=not arguments.two_sided,
-        **given(method=arguments.method, redundancy=arguments.redundancy),
-    )
-    width, height = image_size(arguments.size)
-    scene = load_scene(arguments)
-    camera = camera_of(scene, arguments.camera or [], width, height)
-    with named(count="--views"):
-        cameras = viewpoints_around(scene, camera, arguments.views, **given(spread=arguments.spread))
-    images = sample_depth_images(scene, cameras, options)
-    for file in write_depth(output, images):
-        print(file)
-    if arguments.show:
-        kinds = sample_kinds(scene, cameras, images)
-        for line in write_kinds(output, images, kinds):
-            print(line)
-
-
 def _voxelize(arguments: argparse.Namespace) -> None:
     run_voxelize(arguments, image_size(arguments.size))
 
@@ -228,7 +212,7 @@ _COMMANDS = {
     "tradeoff": _tradeoff,
     "calibrate": _calibrate,
     "info": _info,
-    "depth": _depth,
+    "depth": depth_command,
     "voxelize": _voxelize,
     "points": _points,
     "spheres": run_spheres,
@@ -244,18 +228,6 @@ _COMMANDS = {
 # ----------------------------------------------------------------- arguments
 
 
-def _set_up_threads(count: int | None) -> None:
-    """Must run before torch and numba are imported."""
-    # On a busy machine threads that spin while they wait made torch several times slower.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    if count is None:
-        return
-    if count < 1:
-        raise InputError(f"--threads must be >= 1, got {count}")
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ[name] = str(count)
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="torchrender", description="Real-time approximation of complex 3D scenes by depth images, on the CPU."
@@ -269,7 +241,7 @@ def _parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="show what a scene, a cloud of points or a voxel file holds")
     add_scene(info)
     info.add_argument("--json", action="store_true", help="print JSON")
-    _add_depth(commands.add_parser("depth", help="write depth images of a scene from several viewpoints"))
+    add_depth(commands)
     add_voxelize(commands.add_parser("voxelize", help="write a model as voxels, or a picture of them"))
     add_points(commands.add_parser("points", help="draw or compress a cloud of points"))
     add_batch(commands)
@@ -301,29 +273,3 @@ def _add_render(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--explain", action="store_true", help="say which passes ran, which did not, and why")
     add_enhance(parser)
     add_look(parser)
-
-
-def _add_depth(parser: argparse.ArgumentParser) -> None:
-    add_scene(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder, .npz file, or .exr files")
-    parser.add_argument("--views", type=int, default=3, metavar="N", help="number of viewpoints (default 3)")
-    parser.add_argument("--spread", type=float, help="their distance in scene diagonals (default 0.2)")
-    parser.add_argument(
-        "--method",
-        choices=("nonredundant", "conventional", "depth_peeling"),
-        help="only what earlier views do not have; first hits; or layer after layer from the middle"
-        " (default nonredundant)",
-    )
-    parser.add_argument(
-        "--redundancy",
-        choices=("pixel", "visibility"),
-        help="what earlier views have: what their pixels store, or what they could see (default pixel)",
-    )
-    parser.add_argument("--two-sided", action="store_true", help="sample back faces, too")
-    parser.add_argument(
-        "--show",
-        action="store_true",
-        help="also write pictures: redundant samples red, hidden ones blue, useful ones among them green",
-    )
-    parser.add_argument("--camera", nargs="+", metavar="CAMERA", help="middle of the viewpoints, as for render")
-    add_size(parser, "1024x1024", "size of each image")

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import gc
-import json
 import os
 import re
+import signal
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from torchrender.errors import ImageFileError, OptionError, TorchRenderWarning
 
-if TYPE_CHECKING:
-    from torchrender.buffers import DepthImages
-    from torchrender.depth.kinds import SampleKinds
-
 T = TypeVar("T")
+
+LASTING = frozenset({"serve", "load-test"})
+"""Commands that run for hours and end as Python does."""
+
+LASTING = frozenset({"serve", "load-test"})
+"""Commands that run for hours and end as Python does."""
 
 _CHANNELS = ("Z", "id.triangle", "id.object", "layer")
 _ARRAYS = ("depth", "triangle", "object_id", "barycentric", "normal", "layer", "truncated")
@@ -108,6 +110,33 @@ def in_words(value: object) -> str:
     return "none" if value is None else str(value)
 
 
+class Terminated(KeyboardInterrupt):
+    """The process was told to end, by SIGTERM."""
+
+
+@contextmanager
+def ending_when_told(command: str) -> Iterator[None]:
+    """SIGTERM ends a command as Ctrl-C does, so that nothing half written stays; once more, at once.
+
+    Raises:
+        Terminated: the signal came.
+    """
+    usual = signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if command in LASTING or not usual or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 @contextmanager
 def saying_warnings() -> Iterator[None]:
     """Warnings of this package are one line each on stderr, said once."""
@@ -184,47 +213,3 @@ def progress(items: Iterable[T], unit: str) -> Iterable[T]:
     from tqdm import tqdm
 
     return tqdm(known, unit=unit, file=sys.stderr)
-
-
-def write_depth(output: Path, images: DepthImages) -> list[Path]:
-    """Depth images: one NPZ file, or an EXR file per image with ``cameras.json``."""
-    import torch
-
-    from torchrender.image import camera_arrays
-    from torchrender.images.files import numbered, write_image, write_npz
-
-    if output.suffix == ".npz":
-        write_npz(output, {**{name: getattr(images, name) for name in _ARRAYS}, **camera_arrays(images.cameras)})
-        return [output]
-    if output.suffix == ".exr":
-        pattern, described = output, output.with_name(f"{output.stem}_cameras.json")
-    else:
-        make_folder(output)
-        pattern, described = output / "depth.exr", output / "cameras.json"
-    files = [numbered(pattern, number, len(images)) for number in range(len(images))]
-    for number, file in enumerate(progress(files, "files")):
-        planes = [images.depth, images.triangle, images.object_id, images.layer]
-        write_image(file, torch.stack([p[number].float() for p in planes], dim=-1), channels=_CHANNELS)
-    lists = {name: value.tolist() for name, value in camera_arrays(images.cameras).items()}
-    # JSON knows no infinity: a missing far plane is null.
-    lists["far"] = [None if far == float("inf") else far for far in lists["far"]]
-    try:
-        described.write_text(json.dumps({"files": [f.name for f in files], **lists}, indent=1) + "\n")
-    except OSError as error:
-        raise ImageFileError(described, error.strerror or str(error)) from error
-    return [*files, described]
-
-
-def write_kinds(output: Path, images: DepthImages, kinds: SampleKinds) -> Iterator[str]:
-    """Pictures of the images coloured by kind of sample, beside the depth files; yields a line about each."""
-    from torchrender.depth.picture import kinds_picture
-    from torchrender.images.files import numbered, write_image
-
-    pattern = output.with_name(f"{output.stem}_kinds.png") if output.suffix else output / "kinds.png"
-    for number, picture in enumerate(kinds_picture(images, kinds)):
-        file = numbered(pattern, number, len(images))
-        write_image(file, picture)
-        counts = {name: int(getattr(kinds, name)[number].sum()) for name in ("redundant", "hidden", "useful")}
-        filled = max(int(images.covered[number].sum()), 1)
-        shares = ", ".join(f"{name} {100 * count / filled:.1f} %" for name, count in counts.items())
-        yield f"{file}  filled {100 * filled / picture[..., 0].numel():.1f} %; of these {shares}"

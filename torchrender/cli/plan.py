@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_size, given, named
-from torchrender.cli.output import check_file, collect_garbage, image_size, make_folder
-from torchrender.errors import ImageFileError, InputError
+from torchrender.cli.output import check_file, check_folder, collect_garbage, image_size, make_folder
+from torchrender.errors import ImageFileError, InputError, OptionError
 
 if TYPE_CHECKING:
     from torchrender.planning.plan import Plan
@@ -112,6 +112,8 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
 
     if arguments.all == (arguments.scene is not None):
         raise InputError("tradeoff needs a SCENE, or --all")
+    if arguments.seconds is not None and not arguments.seconds >= 0.0:
+        raise OptionError(f"--seconds must be >= 0, got {arguments.seconds}")
     subjects_named(arguments.step)
     size = SIDE if arguments.side is None else arguments.side
     if not 32 <= size <= 4096:
@@ -119,7 +121,7 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
     folder = Path(arguments.output)
     page = folder / "tradeoff.html"
     found = earlier_curves(page, size)
-    make_folder(folder)
+    check_folder(folder)
     files = []
     parts = parts_of("tradeoff", arguments.seconds)
     collect_garbage()
@@ -132,6 +134,7 @@ def run_tradeoff(arguments: argparse.Namespace) -> list[Path]:
             raise InputError(f"--seconds: {unfinished}; run it again to go on") from None
         if arguments.step is not None and curves.name in found:
             curves = curves.beside(found[curves.name].passes)
+        make_folder(folder)
         if curves.passes:
             files += write(folder, curves)
             found[curves.name] = curves

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.output import make_folder
-from torchrender.errors import OptionError, SceneFileError
+from torchrender.errors import OptionError, SceneFileError, TorchRenderError
 
 if TYPE_CHECKING:
     from torchrender.scene.model import Scene
+    from torchrender.walkthrough.model import Walkthrough
 
 
 def add_serve(commands: Any) -> None:
@@ -50,56 +51,62 @@ def _keep(path: Path, data: Path) -> tuple[str, bool]:
     link to their folder, and what the service tells of them.
 
     Raises:
-        SceneFileError: it cannot be read.
+        SceneFileError: it cannot be read, or not be kept.
     """
     import hashlib
-    import tempfile
 
-    from torchrender.walkthrough.export import write_scene
     from torchrender.walkthrough.file import read_walkthrough
     from torchrender_service.renderers.uploads.any_scene import load_any
-    from torchrender_service.scenes.folder import LINK
+    from torchrender_service.scenes.folder import read_facts
 
     if path.suffix.lower() == ".trw":
-        made, flat = read_walkthrough(path), False
-        scene = hashlib.sha256(b"trw" + path.read_bytes()).hexdigest()
+        shown: Scene | Walkthrough = read_walkthrough(path)
+        flat, key = False, b"trw" + path.read_bytes()
     else:
         if not path.is_file():
             raise SceneFileError(path, "no such file")
         shown = load_any(path)
         flat = shown.camera(width=64, height=36).orthographic
         where = path.resolve()
-        told = f"{where}\0{where.stat().st_mtime_ns}\0{where.stat().st_size}"
-        scene = hashlib.sha256(told.encode(errors="surrogateescape")).hexdigest()
-    home = data / "scenes" / scene
-    if home.is_dir():
-        return scene, flat
-    make_folder(home.parent)
-    with tempfile.TemporaryDirectory(dir=home.parent, prefix=".unfinished-") as folder:
-        if path.suffix.lower() == ".trw":
-            file = write_scene(folder, made)
-            more: dict[str, Any] = {"kind": "toml", "bytes": file.stat().st_size}
-            shown = load_any(file)
-        else:
-            kind = path.suffix.lower()[1:]
-            more = {"kind": kind if kind in ("glb", "toml") else "zip", "bytes": where.stat().st_size}
-            more["main"] = f"{LINK}/{where.name}"
-            (Path(folder) / LINK).symlink_to(where.parent, target_is_directory=True)
-        _finish(Path(folder), home, shown, {"id": scene, "built_in": False, "name": path.stem} | more)
-    return scene, flat
+        key = f"{where}\0{where.stat().st_mtime_ns}\0{where.stat().st_size}".encode(errors="surrogateescape")
+    home = data / "scenes" / hashlib.sha256(key).hexdigest()
+    if read_facts(home) is None:  # not there, or left by a disk that was full
+        make_folder(home.parent)
+        try:
+            _make(home, path, shown)
+        except (OSError, TorchRenderError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            raise SceneFileError(path, f"cannot be kept in {home.parent} ({reason or error})") from error
+    return home.name, flat
 
 
-def _finish(folder: Path, home: Path, scene: Scene, more: dict[str, Any]) -> None:
-    """Write down what the service tells of a scene, and put its folder in place."""
-    import json
+def _make(home: Path, path: Path, shown: Scene | Walkthrough) -> None:
+    """Make the folder of a scene under another name, and put it in place when it is whole."""
     import shutil
+    import tempfile
 
+    from torchrender.scene.model import Scene
+    from torchrender.walkthrough.export import write_scene
     from torchrender_service.renderers.scene_cache import describe
+    from torchrender_service.renderers.uploads.any_scene import load_any
+    from torchrender_service.scenes.folder import LINK, UNFINISHED, finish
 
-    facts = describe(scene)
-    facts.pop("orthographic")
-    (folder / "facts.json").write_text(json.dumps(facts | more))
-    shutil.copytree(folder, home, symlinks=True)
+    with tempfile.TemporaryDirectory(dir=home.parent, prefix=UNFINISHED, ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        if isinstance(shown, Scene):
+            kind = path.suffix.lower()[1:]
+            more = {"kind": kind if kind in ("glb", "toml") else "zip", "bytes": path.stat().st_size}
+            more["main"] = f"{LINK}/{path.resolve().name}"
+            (folder / LINK).symlink_to(path.resolve().parent, target_is_directory=True)
+        else:
+            file = write_scene(folder, shown)
+            more = {"kind": "toml", "bytes": file.stat().st_size}
+            shown = load_any(file)
+        facts = describe(shown)
+        facts.pop("orthographic")
+        if home.exists():
+            shutil.rmtree(home)
+        finish(folder, facts | {"id": home.name, "built_in": False, "name": path.stem} | more, home)
 
 
 def add_load_test(commands: Any) -> None:

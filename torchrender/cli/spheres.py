@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_scene, add_size, load_scene
-from torchrender.cli.output import check_output, image_size
+from torchrender.cli.files.kept import beside
+from torchrender.cli.output import check_file, check_output, image_size
 from torchrender.errors import InputError, OptionError
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ def add_spheres(commands: Any) -> None:
     parser = commands.add_parser("spheres", help="fit spheres to a model, for shadows under the sky")
     add_scene(parser)
     parser.add_argument(
-        "-o", "--output", required=True, metavar="FILE", help="set.npz; a picture set.png comes beside it"
+        "-o", "--output", required=True, metavar="FILE", help="set.npz; a picture set_spheres.png comes beside it"
     )
     parser.add_argument("-n", "--spheres", type=int, default=64, metavar="N", help="number of spheres (default 64)")
     parser.add_argument("--resolution", type=int, default=64, metavar="N", help="cells of the solid's longest side")
@@ -41,6 +42,7 @@ def run_spheres(arguments: argparse.Namespace) -> None:
 
     output = Path(arguments.output)
     check_output(output, (".npz",))
+    check_file(beside(output, "spheres.png"))
     size = image_size(arguments.size)
     if not 8 <= arguments.resolution <= 256:
         raise OptionError(f"--resolution must be in [8, 256], got {arguments.resolution}")
@@ -54,7 +56,7 @@ def run_spheres(arguments: argparse.Namespace) -> None:
     with _Bar() as bar:
         spheres = fit_spheres(vertices, faces, options, bar)
     write_spheres(output, spheres)
-    picture = output.with_suffix(".png")
+    picture = beside(output, "spheres.png")
     _draw(scene, spheres, picture, size)
     print(
         f"{output}  {len(spheres.radii)} spheres, {100 * spheres.relative_error:.1f} % of the model's volume stand out"

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torchrender.cli.arguments import add_scene, load_scene, named, numbers
-from torchrender.cli.output import check_file, check_output, image_size
+from torchrender.cli.files.kept import beside
+from torchrender.cli.output import check_output, image_size
 from torchrender.errors import OptionError
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def add_style(commands: Any) -> None:
     )
     parser.add_argument(
         "-o", "--output", required=True, metavar="FILE",
-        help="scene to write: .glb, or .toml (every kind of light, too) with a .glb beside it",
+        help="scene to write: .glb, or .toml (every kind of light, too) with a .glb beside it, which replaces no other",
     )  # fmt: skip
     parser.add_argument("--sheet", metavar="FILE", help="contact sheet (default: OUTPUT_sheet.png)")
     parser.add_argument("--no-sheet", action="store_true", help="no contact sheet")
@@ -68,8 +69,6 @@ def run_style(arguments: argparse.Namespace) -> None:
     """Style a scene, write it and the contact sheet, and say what took how long."""
     output = Path(arguments.output)
     check_output(output, SUFFIXES)
-    if output.suffix.lower() == ".toml":
-        check_file(output.with_suffix(".glb"))
     sheet = _sheet_path(arguments, output)
     options = _options(arguments)
     pick = _picks(arguments.pick)
@@ -106,7 +105,7 @@ def _sheet_path(arguments: argparse.Namespace, output: Path) -> Path | None:
         if arguments.sheet:
             raise OptionError("--sheet and --no-sheet exclude each other")
         return None
-    sheet = Path(arguments.sheet) if arguments.sheet else output.with_name(f"{output.stem}_sheet.png")
+    sheet = Path(arguments.sheet) if arguments.sheet else beside(output, "sheet.png")
     check_output(sheet, SHEET_SUFFIXES)
     return sheet
 

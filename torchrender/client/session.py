@@ -53,12 +53,18 @@ def post_session(url: str, body: Mapping[str, Any], api_key: str | None, timeout
             problem = json.load(error)
         except ValueError:
             problem = {}
-        raise StreamError(str(problem.get("detail", error.reason)), problem) from error
+        if not isinstance(problem, Mapping):
+            problem = {}
+        told = str(problem.get("detail", error.reason))
+        if error.code == 405 or not problem:  # another page than that which makes sessions
+            told = f"{url} answers {error.code} ({told}): no torchrender service has that address"
+        raise StreamError(told, problem) from error
     except (OSError, ValueError) as error:
         raise StreamError(f"{url} cannot be reached ({error})") from error
 
 
 def closed(error: ConnectionClosed) -> StreamClosed:
     """The end of a stream, and whether to come again."""
-    code = 1006 if error.rcvd is None else error.rcvd.code
-    return StreamClosed(f"the stream was closed with {code}", 1.0 if code in (1006, 1012) else None)
+    code, reason = (1006, "") if error.rcvd is None else (error.rcvd.code, error.rcvd.reason)
+    told = f"the stream was closed with {code}" + (f": {reason}" if reason else "")
+    return StreamClosed(told, 1.0 if code in (1006, 1012) else None)

@@ -29,7 +29,7 @@ from torchrender.reconstruct.reproject import Reprojection, ReprojectOptions
 from torchrender.scene.camera import Cameras
 from torchrender.wire.cameras import cameras_of, header_of
 from torchrender.wire.containers import KeyframeImage, decode_keyframe
-from torchrender.wire.errors import CodecError
+from torchrender.wire.errors import CodecError, ProtocolError
 from torchrender.wire.messages import (
     MAJOR,
     SUBPROTOCOL,
@@ -45,6 +45,7 @@ from torchrender.wire.messages import (
     Settings,
     Type,
     Welcome,
+    check_message,
     decode,
     encode,
     split_blobs,
@@ -185,14 +186,33 @@ class StreamClient:
         density: float | None = None,
         asymmetry: float | None = None,
         playing: bool | None = None,
+        **look: Any,
     ) -> None:
-        """Change what keyframes may cost or be off, and how many extra layers they have (None: as before).
+        """Change what keyframes may cost or be off (None: no bound), and how many extra layers they have, how thick
+        media are, whether the scene plays and how it is shown (None: as before); nothing is loaded anew.
 
-        ``density`` makes all media so many times as thick as they are in the scene, ``asymmetry`` gives them another g,
-        ``playing`` starts and stops the scene's animation (None: as before); nothing is loaded anew.
+        Args:
+            budget_ms: 1 to 1e5. max_error: 0 to 1. layers: 0 to 4.
+            density: makes all media so many times as thick as they are in the scene, 0 to 100.
+            asymmetry: another g of all media, -0.99 to 0.99.
+            playing: starts and stops the scene's animation.
+            look: ``exposure``, -64 to 64 EV, "auto" or "as_lit"; ``tone_map``, "none", "reinhard" or "aces"; ``off``,
+                effects to leave out: "lights", "shadows", "ambient", "reflections", "transparency", "media".
+
+        Raises:
+            InputError: names the argument and its range. StreamClosed: the stream has ended.
         """
-        wish = {"budget_ms": budget_ms, "max_error": max_error, "layers": layers, "density": density}
-        self._send(Settings(**wish, asymmetry=asymmetry, playing=playing))  # type: ignore[arg-type]
+        unknown = look.keys() - {"exposure", "tone_map", "off"}
+        if unknown:
+            raise InputError(f"wish takes no {', '.join(sorted(unknown))}; of the look: exposure, tone_map, off")
+        wish: dict[str, Any] = {"budget_ms": budget_ms, "max_error": max_error, "layers": layers, "density": density}
+        settings = Settings(**wish, **look, asymmetry=asymmetry, playing=playing)
+        try:
+            check_message(settings)
+        except ProtocolError as error:
+            told = str(error).replace("SETTINGS: ", "").replace("SETTINGS.", "")
+            raise InputError(f"wish: {told}") from error
+        self._send(settings)
 
     def resync(self) -> None:
         """Ask for a fresh keyframe and forget parts of others."""

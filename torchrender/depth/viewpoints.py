@@ -16,6 +16,8 @@ from torchrender.scene.camera import Cameras, look_at_matrix
 from torchrender.scene.model import Scene
 
 DEFAULT_SPREAD = 0.2
+MOST_VIEWS = 4096
+"""Of one set."""
 LITTLE = 0.02
 """Share of what the camera sees below which a viewpoint stands elsewhere: behind a wall, or inside something."""
 NEARER = (1.0, 0.5, 0.25, 0.12)
@@ -35,9 +37,9 @@ def viewpoints_around(scene: Scene, camera: Cameras, count: int, *, spread: floa
     behind the wall of a room, comes so much closer to the eye that it sees more.
 
     Raises:
-        OptionError: ``count`` < 1, ``spread`` negative, or ``camera`` not a single camera.
+        OptionError: ``count`` outside [1, MOST_VIEWS], ``spread`` negative, or ``camera`` not a single camera.
     """
-    check_range("count", count, 1)
+    check_range("count", count, 1, MOST_VIEWS)
     check_range("spread", spread, 0.0)
     if len(camera) != 1:
         raise OptionError(f"camera must be a single camera, got a batch of {len(camera)}")

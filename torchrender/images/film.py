@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -14,12 +17,13 @@ from torch import Tensor
 
 from torchrender.checks import check_class, check_range
 from torchrender.errors import ImageFileError, InputError, NotUsedWarning
-from torchrender.images.files import write_atomically, write_image
+from torchrender.images.files import new_folder, write_atomically, write_image
 from torchrender.numerics.color import srgb_from_linear
 
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 FILMS = (*CODECS, ".gif")
 """Suffixes of films; a path without one is a folder of numbered PNG files."""
+_FRAME = re.compile(r"frame_(\d{4,9})\.png")
 
 
 @runtime_checkable
@@ -35,7 +39,8 @@ def write_film(path: str | Path, frames: Displayed | Iterable[Displayed | Tensor
     """Write pictures as a film; returns the files written. The film appears whole or not at all.
 
     ``.mp4`` (MPEG-4 part 2), ``.avi`` (Motion JPEG) and ``.gif`` (256 colours, endless); a path without suffix is a
-    folder of ``frame_0000.png`` …, made where it is missing. MP4 and AVI have even sides: an odd last row or column is
+    folder of ``frame_0000.png`` …, made where it is missing; frames of an earlier, longer film that are still there are
+    said, with a NotUsedWarning. MP4 and AVI have even sides: an odd last row or column is
     left out, with a NotUsedWarning. GIF counts hundredths of a second: frames get those in turn that keep the film's
     length.
 
@@ -46,7 +51,7 @@ def write_film(path: str | Path, frames: Displayed | Iterable[Displayed | Tensor
 
     Raises:
         OptionError: ``fps`` outside its range.
-        ImageFileError: another suffix, a missing folder, or a film that cannot be written here.
+        ImageFileError: another suffix, a missing folder, or a film that cannot be written here, or not all of it.
         InputError: no frames, frames of several sizes, of another shape or with NaN, or too small for a film.
     """
     check_class("path", path, str, Path)
@@ -100,15 +105,29 @@ def _codes(picture: Tensor) -> np.ndarray:
 
 
 def _write_frames(folder: Path, pictures: Iterator[Tensor]) -> list[Path]:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ImageFileError(folder, error.strerror or str(error)) from error
-    files = []
-    for number, picture in enumerate(pictures):
-        files.append(folder / f"frame_{number:04d}.png")
-        write_image(files[-1], picture)
+    files: list[Path] = []
+    with new_folder(folder):
+        for number, picture in enumerate(pictures):
+            files.append(folder / frame_name(number))
+            write_image(files[-1], picture)
+    rest = sum(1 for number in _numbers(folder) if number >= len(files))
+    if rest:
+        told = f"{folder} holds {rest} more frames, from number {len(files)} on, that are not of this film"
+        warnings.warn(told, NotUsedWarning, stacklevel=3)
     return files
+
+
+def frame_name(number: int) -> str:
+    """Of a film in a folder."""
+    return f"frame_{number:04d}.png"
+
+
+def _numbers(folder: Path) -> Iterator[int]:
+    """Of the frames in a folder."""
+    for file in folder.iterdir():
+        match = _FRAME.fullmatch(file.name)
+        if match is not None:
+            yield int(match[1])
 
 
 def _write_gif(path: Path, pictures: Iterator[Tensor], fps: float) -> None:
@@ -129,7 +148,7 @@ def _say_size(path: Path, width: int, height: int) -> None:
 def _encode(path: Path, pictures: Iterator[Tensor], fps: float, codec: str) -> None:
     import cv2
 
-    writer = None
+    writer, count = None, 0
     try:
         for picture in pictures:
             codes = _codes(picture)[..., ::-1]
@@ -142,8 +161,34 @@ def _encode(path: Path, pictures: Iterator[Tensor], fps: float, codec: str) -> N
                     )
                 writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), fps, size)
                 if not writer.isOpened():
-                    raise ImageFileError(path, f"OpenCV cannot write {path.suffix} films here; take .gif or a folder")
+                    raise OSError(f"OpenCV cannot write {path.suffix} films here; take .gif or a folder")
             writer.write(np.ascontiguousarray(codes[: size[1], : size[0]]))
+            count += 1
     finally:
         if writer is not None:
             writer.release()
+    _check_whole(path, count)
+
+
+def _check_whole(path: Path, count: int) -> None:
+    """Read a film once more: OpenCV says nothing of a disk that takes no more.
+
+    Raises:
+        OSError: it does not hold so many frames.
+    """
+    import cv2
+
+    handle = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(handle)  # what the disk refuses only now is an error of its own
+    finally:
+        os.close(handle)
+    film, found = cv2.VideoCapture(str(path)), 0
+    try:
+        while film.grab():
+            found += 1
+    finally:
+        film.release()
+    if found != count:
+        free = shutil.disk_usage(path.parent).free
+        raise OSError(f"{found} of {count} frames can be read of what was written; {free:,} bytes are free there")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
-from torchrender.checks import ArrayLike, as_vector, check_choice, check_range, checked_fields
+from torchrender.checks import ArrayLike, as_vector, check_choice, check_not_negative, check_range, checked_fields
 from torchrender.effects.ambient.options import AmbientOptions
 from torchrender.effects.enhancement.options import EnhanceOptions
 from torchrender.effects.media.options import ScatterOptions
@@ -81,7 +81,7 @@ class RenderOptions:
         check_choice("upscaling", self.upscaling, UPSCALING)
         check_range("supersample", self.supersample, 1 / 16, 4.0)
         if self.background is not None:
-            as_vector("background", self.background)
+            check_not_negative("background", as_vector("background", self.background), OptionError)
         self._check_exposure()
         if self.passes is not None and not (self.passes and all(hasattr(one, "makes") for one in self.passes)):
             raise OptionError("passes must be a table of passes, such as torchrender.passes.table.PASSES, or None")

@@ -99,6 +99,8 @@ class Cameras(CameraDoors):
         if any(n not in (1, count) for n in counts):
             raise CameraError(f"eye, target and up must be one or equally many, got {', '.join(map(str, counts))}")
         eyes, targets, ups = (place.expand(count, 3) for place in places)
+        if not bool((ups != 0).any(dim=1).all()):
+            raise CameraError("up must not be 0, 0, 0")
         matrices = [look_at_matrix(e, t, u) for e, t, u in zip(eyes, targets, ups, strict=True)]
         near, far = (torch.tensor(v, dtype=torch.float64) for v in limits)
         return cls(torch.stack(matrices), k.expand(count, 3, 3), *size, near, far, orthographic=orthographic)

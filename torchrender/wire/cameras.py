@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from urllib.parse import quote
+
 import torch
 
 from torchrender.errors import CameraError
@@ -9,6 +12,11 @@ from torchrender.scene.camera import Cameras
 from torchrender.wire.messages import CameraHeader
 
 RIGID_TOLERANCE = 1e-3
+DIGITS = 8
+AHEAD = 0.2
+"""Of the diagonal: how far before the eye the point lies that an address names."""
+LEAST_AHEAD = 1e-8
+"""Of the eye's coordinates: nearer points are hardly told from the eye itself."""
 
 
 def cameras_of(header: CameraHeader) -> Cameras:
@@ -57,3 +65,15 @@ def header_of(camera: Cameras) -> CameraHeader:
         height=camera.height,
         near=float(camera.near[0]),
     )
+
+
+def view_text(camera: CameraHeader, diagonal: float) -> str:
+    """Eye and target as an address has them, with as many digits as the direction needs; ``js/address.js`` does it
+    alike."""
+    matrix = torch.tensor(camera.world_from_camera, dtype=torch.float64).reshape(4, 4)
+    eye, forward = matrix[:3, 3], matrix[:3, 2]
+    size = float(eye.abs().max())
+    ahead = max(AHEAD * diagonal or 1.0, LEAST_AHEAD * size)
+    digits = DIGITS + math.ceil(max(0.0, math.log10(max(size, 1e-300) / ahead)))
+    numbers = (*eye.tolist(), *(eye + ahead * forward).tolist())
+    return quote(",".join(f"{v:.{min(digits, 17)}g}" for v in numbers), safe=",")

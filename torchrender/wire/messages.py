@@ -276,6 +276,19 @@ def decode(data: bytes | memoryview, accept: Sequence[Type] = tuple(Type), *, wh
     return Received(message, data[start:size], size)
 
 
+def check_message(message: Message) -> None:
+    """Find out before a message is sent whether the other side takes it.
+
+    Raises:
+        ProtocolError: a field that it would refuse; names it.
+    """
+    try:
+        data = encode(message)
+    except (TypeError, ValueError, OverflowError, msgspec.MsgspecError) as error:
+        raise ProtocolError(f"{_TYPES[type(message)].name}: {_plain(error)}") from error
+    decode(data)
+
+
 def blob_lengths(message: Message) -> list[int]:
     """Bytes of each blob of a message, without padding."""
     if not isinstance(message, Keyframe):

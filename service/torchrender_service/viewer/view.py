@@ -31,7 +31,7 @@ from torchrender.scene.load import load
 from torchrender.scene.material import Material
 from torchrender.scene.mesh import Mesh
 from torchrender.scene.model import Scene
-from torchrender.wire.cameras import cameras_of, header_of
+from torchrender.wire.cameras import cameras_of, header_of, view_text
 from torchrender.wire.messages import CameraHeader, Picked
 from torchrender_service.renderers.jobs import FindPixel, SceneSource
 from torchrender_service.renderers.viewing.picking import find_pixel
@@ -82,9 +82,7 @@ class View:
     def _query(self) -> str:
         text = f"?scene={self.id}"
         if self._start is not None:
-            matrix = torch.tensor(header_of(self._start).world_from_camera, dtype=torch.float64).reshape(4, 4)
-            eye, target = matrix[:3, 3], matrix[:3, 3] + matrix[:3, 2]
-            text += "&view=" + ",".join(f"{v:.7g}" for v in (*eye.tolist(), *target.tolist()))
+            text += "&view=" + view_text(header_of(self._start), self._scene.diagonal)
         return text
 
     def _repr_html_(self) -> str:

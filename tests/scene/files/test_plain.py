@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -561,3 +562,29 @@ def test_vertices_keep_their_order_and_copies_of_sharp_edges_stand_behind_them(t
         assert torch.equal(mesh.vertices[:9].double(), given)
     assert torch.equal(mesh.vertices[mesh.faces].double(), given[torch.tensor(faces)])
     assert mesh.normals is not None and len(mesh.vertices) > 9
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_a_header_that_declares_fewer_vertices_than_there_are_is_told(tmp_path: Path, order: str) -> None:
+    """What follows is read as faces, which then are none."""
+    head = f"ply\nformat {order} 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    if order != "ascii":
+        rows = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0) + struct.pack("<B3i", 3, 0, 1, 2)
+    path = text(tmp_path, "a.ply", head.encode() + rows)
+    told = r"holds no triangles \(.*less than three corners.*data behind the rows that the header declares"
+    with pytest.raises(SceneFileError, match=told):
+        load(path)
+
+
+@pytest.mark.parametrize(("rest", "said"), [(b"", False), (b"\n\n", False), (b"\0\0", False), (b"\1\2\3", True)])
+def test_data_behind_a_binary_file_are_told(tmp_path: Path, rest: bytes, said: bool) -> None:
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0) + struct.pack("<B3i", 3, 0, 1, 2)
+    path = text(tmp_path, "a.ply", head.encode() + rows + rest)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always", NotUsedWarning)
+        assert load(path).geometry.triangle_count == 1
+    assert any("data behind the rows" in str(w.message) for w in found) == said

@@ -58,6 +58,8 @@ class EnhanceOptions:
         check_choice("magnitude", self.magnitude, MAGNITUDES)
         check_choice("curvature", self.curvature, CURVATURES)
         check_choice("source", self.source, SOURCES)
+        if not self.terms:
+            raise OptionError(f"terms must name at least one of {', '.join(TERMS)}, got none")
         for term in self.terms:
             check_choice("terms", term, TERMS)
         if self.magnitude == "signed_l2" and self.curvature == "full":

@@ -16,6 +16,7 @@ from torchrender.checks import check_class
 from torchrender.errors import SceneFileError
 from torchrender.images.files import write_atomically, write_image
 from torchrender.scene.camera import Cameras
+from torchrender.scene.files.beside import Beside
 from torchrender.scene.files.gltf.out.write import glb_bytes, write_glb
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
 from torchrender.scene.medium import Medium
@@ -29,7 +30,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
 
     ``.glb`` holds meshes, materials, textures, cameras, punctual lights and media. ``.toml`` holds lights of every
     kind, cameras, environment, ambient light and media, and names the files beside it: the meshes (GLB), the
-    environment (EXR), grids of densities (NPY). Every file appears whole or not at all, the scene file last.
+    environment (EXR), grids of densities (NPY). Every file appears whole or not at all, the scene file last. What
+    stands beside it is written over only if an earlier call for the same scene file made it: else names are numbered.
 
     Raises:
         SceneFileError: another suffix, missing folder, no triangles, or a file that cannot be written.
@@ -46,8 +48,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
     if not path.parent.is_dir():
         raise SceneFileError(path, f"folder {path.parent} does not exist")
     bare = replace(scene, lights=(), cameras={}, environment=None, ambient=torch.zeros(3), media=(), photo_light=False)
-    body = path.with_suffix(".glb")
-    written = [path, body]
+    beside = Beside(path)
+    body = beside.place(".glb")
     data = glb_bytes(bare, body)
     write_atomically(body, _bytes(data))
     tables: list[tuple[str, dict[str, object]]] = [("geometry", {"file": body.name})]
@@ -56,18 +58,16 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
     for number, medium in enumerate(scene.media):
         table = _medium(medium)
         if isinstance(medium.density, Tensor):
-            grid = path.with_name(f"{path.stem}_density{number}.npy")
+            grid = beside.place(f"_density{number}.npy")
             write_atomically(grid, _array(medium.density.float().numpy()))
             table |= {"density_file": grid.name}
-            written.append(grid)
         tables.append(("medium", table))
     lines = [f"name = {_text(scene.name)}", f"ambient = {_value(scene.ambient)}"]
     lines += [f"{key} = true" for key in ("photo_light", "photometric") if getattr(scene, key)]
     lines += [""]
     if scene.environment is not None:
-        sky = path.with_name(f"{path.stem}_environment.exr")
+        sky = beside.place("_environment.exr")
         write_image(sky, scene.environment.radiance)
-        written.append(sky)
         own: dict[str, object] = {
             "file": sky.name,
             "intensity": scene.environment.intensity,
@@ -76,8 +76,8 @@ def write_scene(path: str | Path, scene: Scene) -> list[Path]:
         lines += ["[environment]", *_entries(own), ""]
     for name, table in tables:
         lines += [f"[[{name}]]", *_entries(table), ""]
-    write_atomically(path, _bytes("\n".join(lines).encode()))
-    return written
+    write_atomically(path, _bytes("\n".join([*beside.lines(), *lines]).encode()))
+    return [path, *beside.files]
 
 
 def _bytes(data: bytes) -> Callable[[Path], None]:

@@ -1,11 +1,12 @@
 // The state of the page in its address, and views as text to take elsewhere.
 
 import { axesTowards } from "./controls.js";
-import { add, axesOf, eyeOf, normalize, placed, scale } from "./camera.js";
+import { add, axesOf, eyeOf, length, normalize, placed, scale, subtract } from "./camera.js";
 
-const DIGITS = 7;
+const DIGITS = 8;
 const FARTHEST = 1e12; // coordinate that a view may have
 const AHEAD = 0.2; // of the diagonal: how far before a walker the point lies that the text names
+const LEAST_AHEAD = 1e-8; // of the eye's coordinates: nearer points are hardly told from the eye itself
 
 /** Words of the address by name. */
 export const readWords = () => Object.fromEntries(new URLSearchParams(location.search));
@@ -21,19 +22,25 @@ export function writeWords(words) {
   history.replaceState(null, "", text ? `?${text}` : location.pathname);
 }
 
-const short = (v) => Number(v.toPrecision(DIGITS));
+const short = (v, digits = DIGITS) => Number(v.toPrecision(digits));
+const size = (v) => Math.max(...v.map(Math.abs));
 
 /** Where a walker stands and what it looks at. */
 export function placeOf(walker) {
   const eye = eyeOf(walker.camera);
-  const ahead = scale(normalize(axesOf(walker.camera)[2]), AHEAD * walker.diagonal);
-  return { eye, target: walker.orbiting ? walker.pivot : add(eye, ahead) };
+  const far = Math.max(AHEAD * walker.diagonal, LEAST_AHEAD * size(eye));
+  const target = walker.orbiting ? walker.pivot : add(eye, scale(normalize(axesOf(walker.camera)[2]), far));
+  // Far from the origin the direction is in the last digits.
+  const apart = length(subtract(target, eye)) || 1;
+  const more = Math.ceil(Math.max(0, Math.log10(size(eye) / apart)));
+  const digits = Math.min(17, DIGITS + more);
+  return { eye: eye.map((v) => short(v, digits)), target: target.map((v) => short(v, digits)) };
 }
 
 /** A view as six numbers: eye and target. */
 export function viewText(walker) {
   const { eye, target } = placeOf(walker);
-  return [...eye, ...target].map(short).join(",");
+  return [...eye, ...target].join(",");
 }
 
 /** The camera of such a text, with the size and opening angle of `camera`; null: it is none, or out of
@@ -53,7 +60,7 @@ const degrees = (camera) => short((360 / Math.PI) * Math.atan((0.5 * camera.heig
 export function pythonText(walker, name, { ev, tone }) {
   const { eye, target } = placeOf(walker);
   const { width, height } = walker.camera;
-  const tuple = (v) => `(${v.map(short).join(", ")})`;
+  const tuple = (v) => `(${v.join(", ")})`;
   const look = [ev === null ? null : `exposure=${ev}`, tone === "none" ? null : `tone_map="${tone}"`].filter(Boolean);
   const options = look.length ? `, options=tr.RenderOptions(${look.join(", ")})` : "";
   return `import torchrender as tr
@@ -68,7 +75,7 @@ tr.render(scene, camera${options}).save("view.png")
 export function commandText(walker, name, { ev, tone }) {
   const { eye, target } = placeOf(walker);
   const { width, height } = walker.camera;
-  const list = (v) => v.map(short).join(",");
+  const list = (v) => v.join(",");
   const quoted = /^[\w./-]+$/.test(name) ? name : `'${name.replaceAll("'", "'\\''")}'`;
   const look = [ev === null ? null : `--exposure=${ev}`, tone === "none" ? null : `--tone-map ${tone}`].filter(Boolean);
   return ["torchrender render", quoted, `--camera eye=${list(eye)} target=${list(target)} fov=${degrees(walker.camera)}`, `--size ${width}x${height}`, ...look, "-o view.png"].join(" ");

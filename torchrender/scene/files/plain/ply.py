@@ -79,7 +79,7 @@ def read_ply(path: Path, data: bytes, notes: Notes) -> PlyModel:
         SceneFileError: damaged, cut off, or without positions.
     """
     header = read_header(path, data)
-    elements = read_columns(path, data, header)
+    elements = read_columns(path, data, header, notes)
     vertex = {k: v for k, v in elements.get("vertex", {}).items() if not isinstance(v, Lists)}
     position = group_of(vertex, (("x", "y", "z"),))
     if position is None:

@@ -13,6 +13,7 @@ from torchrender.errors import SceneFileError
 from torchrender.kernels.files.rows import byte_rows, join_bytes, join_numbers, number_rows
 from torchrender.scene.files.plain.numbers import NumberStream
 from torchrender.scene.files.plain.ply_format import Element, Header
+from torchrender.scene.files.report import Notes
 
 Array = np.ndarray[Any, Any]
 
@@ -30,17 +31,20 @@ ROWS = 1 << 17
 """Rows that are cut into columns at a time: what is needed beside text and columns does not grow with the file."""
 
 
-def read_columns(path: Path, data: bytes, header: Header) -> dict[str, Columns]:
-    """All columns, by element and name.
+def read_columns(path: Path, data: bytes, header: Header, notes: Notes) -> dict[str, Columns]:
+    """All columns, by element and name; ``notes`` are told of data that no element declares.
 
     Raises:
         SceneFileError: cut off, or text that is no number.
     """
     source: _Text | _Binary = _Binary(path, data, header) if header.order else _Text(path, data, header)
     try:
-        return {element.name: source.element(element) for element in header.elements}
+        found = {element.name: source.element(element) for element in header.elements}
     except ValueError as error:
         raise SceneFileError(path, f"damaged: text that is no number among the data ({error})") from error
+    if source.goes_on():
+        notes.not_used("data behind the rows that the header declares")
+    return found
 
 
 class _Text:
@@ -88,6 +92,13 @@ class _Text:
                 numbers, left = numbers[at:], left - rows
         self._numbers.back(numbers)
         return parts.columns()
+
+    def goes_on(self) -> bool:
+        """Whether there is more than was read."""
+        try:
+            return len(self._numbers.take(1)) > 0
+        except ValueError:  # words
+            return True
 
 
 def text_rows(path: Path, numbers: NumberStream, element: Element, rows: int) -> list[Array]:
@@ -203,6 +214,10 @@ class _Binary:
             self._at += size
             left -= asked
         return parts.columns()
+
+    def goes_on(self) -> bool:
+        """Whether there is more than was read, but for an end of line or zeros."""
+        return bool(self._data[self._at : self._at + 4096].strip(b"\0 \t\r\n"))
 
 
 def _short(path: Path, element: Element) -> SceneFileError:

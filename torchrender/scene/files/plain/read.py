@@ -41,7 +41,9 @@ def read_mesh_file(path: Path, *, drop_invalid: bool = False) -> Scene:
         raise SceneFileError(path, f"damaged or no {suffix[1:].upper()} file ({error})") from error
     meshes = [m for m in meshes if len(m.faces)]
     if not meshes:
-        raise SceneFileError(path, "holds no triangles")
+        report = notes.report()
+        told = "; ".join(map(str, (*report.repaired, *report.not_used)))
+        raise SceneFileError(path, "holds no triangles" + (f" ({told})" if told else ""))
     notes.read("meshes", len(meshes))
     notes.read("materials", len(materials))
     return Scene(meshes=tuple(meshes), materials=tuple(materials), name=path.stem, report=notes.close())
