@@ -38,9 +38,11 @@ def check_tensor(name: str, value: object, shape: Sequence[int | str]) -> Tensor
 
 
 def check_place(name: str, value: Tensor, error: type[InputError] = InputError) -> Tensor:
-    """Return ``value`` if it lies in the CPU's memory: kernels read it there."""
+    """Return ``value`` if it lies in the CPU's memory, element beside element: kernels read it there."""
     if value.device.type != "cpu":
         raise error(f"{name} must be on the CPU, is on the device {value.device}")
+    if value.layout != torch.strided:
+        raise error(f"{name} must be a dense tensor, its layout is {str(value.layout).removeprefix('torch.')}")
     return value
 
 
@@ -170,7 +172,7 @@ def check_picture(name: str, value: object, channels: Sequence[int]) -> Tensor:
     if "float" not in kind:
         how = ": divide codes of 8 bits by 255, and undo sRGB" if kind == "uint8" else ""
         raise InputError(f"{name} must hold floats in linear light, got {kind}{how}")
-    return value if isinstance(value, Tensor) else as_array(name, value)
+    return check_place(name, value) if isinstance(value, Tensor) else as_array(name, value)
 
 
 def as_array(

@@ -21,7 +21,7 @@ from torchrender.passes.picture.composite import COMPOSITE
 from torchrender.passes.settings import CUSTOM
 from torchrender.passes.table import GBUFFER
 from torchrender.pipeline.buffer import Buffer
-from torchrender.pipeline.doubts import say, scene_doubts
+from torchrender.pipeline.doubts import say, scene_doubts, shadow_doubts
 from torchrender.pipeline.gradients import check_gradients
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
@@ -125,7 +125,7 @@ def render(
         if wishes[0] is None and wishes[1] is not None and knowledge.blind:
             knowledge = _looked(knowledge, history, clock)
         image = (run := Run(knowledge, wishes, clock)).image()
-        say([*scene_doubts(scene), *run.doubts])
+        say([*scene_doubts(scene), *shadow_doubts(scene, run.plan.options), *run.doubts])
     kept = None if history is None else _history_of(run)
     return replace(image, plan=run.measured(), timings_ms=clock.elapsed_ms, history=kept)
 

@@ -11,7 +11,8 @@ image = tr.render(scene, width=size, height=size)  # stands for a photo: linear 
 photo, depth = image.displayed()[0], image.gbuffer.depth[0]  # metres along the camera's axis
 
 fog = FogPhoto(photo, Marks(), depth=depth)
-for metres in (200, 50):
-    made = fog.foggy(FogMedium.of(visibility=metres))
-    tr.write_film(f"fog_{metres}", [made.composite])  # a folder with one picture
-    print(f"visibility {metres} m: {float(made.transmittance.mean()):.0%} of the light arrives")
+away = float(depth[depth.isfinite()].median())  # fog that hides a room is none over a town
+for name, visibility in (("thin", 8 * away), ("thick", 3 * away)):
+    made = fog.foggy(FogMedium.of(visibility=visibility))
+    tr.write_film(f"fog_{name}", [made.composite])  # a folder with one picture
+    print(f"visibility {visibility:.0f} m: {float(made.transmittance.mean()):.0%} of the light arrives")

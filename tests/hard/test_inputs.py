@@ -43,6 +43,13 @@ def drawn_again(colors: Tensor) -> object:
     return tr.reproject(images(), CAMERA, colors=colors)
 
 
+def panel(**changes: object) -> tr.RectLight:
+    return tr.RectLight(**{"corner": [0, 2, 0], "edge_u": [1, 0, 0], "edge_v": [0, 0, 1], **changes})
+
+
+LAST = torch.tensor([0.0, 0.0, 0.0, 1.0])[None, None] * torch.tensor([1.0, 0.0, 0.0, 0.0])[None, :, None]
+
+
 def posed(change: Callable[[Tensor], Tensor]) -> tr.Cameras:
     return replace(CAMERA, camera_from_world=change(CAMERA.camera_from_world.clone()))
 
@@ -53,6 +60,24 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "NaN in colours": (lambda: replace(BOX, colors=filled(24, 3, value=NAN)), "mesh 'box': colors must be finite"),
     "faces of truth values": (lambda: replace(BOX, faces=BOX.faces > 3), "mesh 'box': faces must be an integer tensor"),
     "a vertex too far": (lambda: replace(BOX, vertices=BOX.vertices * 1e30), "mesh 'box': vertices must lie within"),
+    "a lamp too far": (
+        lambda: tr.PointLight(position=[0, 1e20, 0], name="lamp"),
+        r"light 'lamp': PointLight.position must lie within 1e\+15 scene units of the origin, got 1e\+20",
+    ),
+    "a spot too far": (lambda: tr.SpotLight(position=[-2e15, 0, 0], direction=[1, 0, 0]), "SpotLight.position must"),
+    "a panel too far": (lambda: panel(corner=[0, 2e15, 0]), "RectLight.corner must lie within"),
+    "a panel too large": (lambda: panel(edge_v=[0, 0, 1e16]), "RectLight.edge_v must lie within"),
+    "an eye too far": (lambda: look(eye=[0.0, 0.0, 1e17]), r"eye must lie within 1e\+16 scene units"),
+    "a target too far": (lambda: look(target=[0.0, 0.0, 1e17]), r"target must lie within 1e\+16 scene units"),
+    "a matrix that leads too far": (lambda: posed(lambda m: m + 1e17 * LAST), "camera_from_world must lie within"),
+    "a medium too large": (lambda: tr.Medium(low=[-1e16, 0, 0], high=[1, 1, 1]), "low must lie within"),
+    "points too far": (lambda: tr.PointCloud(position=filled(2, 3, value=1e20)), "position must lie within"),
+    "a sparse place": (lambda: replace(BOX, vertices=BOX.vertices.to_sparse()), "must be a dense tensor, its layout"),
+    "a sparse eye": (lambda: look(eye=torch.ones(3).to_sparse()), "eye must be a dense tensor"),
+    "a sparse matrix": (lambda: posed(lambda m: m.to_sparse()), "camera_from_world must be a dense tensor"),
+    "a sparse colour": (lambda: tr.PointLight(position=[0, 1, 0], intensity=torch.ones(3).to_sparse()), "dense tensor"),
+    "a sparse sky": (lambda: tr.Environment(radiance=filled(2, 4, 3).to_sparse()), "radiance must be a dense tensor"),
+    "a sparse texture": (lambda: tr.Material(diffuse_texture=filled(2, 2, 3).to_sparse()), "must be a dense tensor"),
     "half a material": (lambda: replace(BOX, material=0.5), "mesh 'box': material must be a number in Scene"),
     "a text for a matrix": (lambda: BOX.transformed("x"), "mesh 'box': matrix must be"),
     "endless ambient light": (lambda: scene(ambient=INF), "ambient must be finite"),

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 import torchrender as tr
+from torchrender.effects.shadows.light_cameras import wide_lights
 from torchrender.errors import (
     ColorWarning,
     EmptyWarning,
@@ -269,3 +270,42 @@ def test_a_beam_that_may_fall_between_pixels_is_named() -> None:
         warnings.simplefilter("error")
         tr.render(scene(floor, lights=[beam, SUN]), fine)
         tr.render(scene(floor, lights=[aside, SUN]), coarse)
+
+
+def under_a_panel(width: float, height: float, top: float = 1.0) -> tr.Scene:
+    half = width / 2
+    panel = tr.RectLight(corner=[-half, height, -half], edge_u=[width, 0, 0], edge_v=[0, 0, width], name="panel")
+    return scene(tr.Mesh.plane(4.0), tr.Mesh.box([1.0, top, 1.0], [0.0, top / 2, 0.0]), lights=[panel])
+
+
+BESIDE_IT = tr.Cameras.look_at([2, 1.6, 3], [0, 0.3, 0], width=48, height=36)
+
+
+@pytest.mark.parametrize(("width", "height"), [(6.0, 1.0001), (6.0, 1.3), (6.0, 1.6), (2.0, 1.3)])
+def test_a_panel_close_above_things_is_sampled_and_named_where_it_is_not(width: float, height: float) -> None:
+    """One map from its middle sees the box and nothing around it: the floor would be black."""
+    built = under_a_panel(width, height)
+    usual = tr.render(built, BESIDE_IT)
+    assert "light 'panel' is too large for one map" in str(usual.plan)
+    assert usual.plan.options.area_shadows == "sampled" and scene_doubts(built) == []
+    exact = tr.render(built, BESIDE_IT, options=tr.RenderOptions(area_shadows="sampled")).radiance
+    assert float((usual.radiance - exact).abs().mean()) < 0.03 * float(exact.mean())
+    told = "test: light 'panel' is large beside what stands close by: maps from the middle see little"
+    with pytest.warns(LightWarning, match=told):
+        pinned = tr.render(built, BESIDE_IT, options=tr.RenderOptions(fixed=("soft_shadow",)))
+    assert float((pinned.radiance - exact).abs().mean()) > 0.2 * float(exact.mean())
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "top"), [(6.0, 3.5, 1.0), (1.0, 2.0, 1.0), (0.5, 1.5, 1.0), (6.0, 1.0, 0.01)]
+)
+def test_lamps_far_enough_above_things_keep_their_map(width: float, height: float, top: float) -> None:
+    """Also those that light nothing but a floor close by, on which nothing stands."""
+    built = under_a_panel(width, height, top)
+    image = tr.render(built, BESIDE_IT)
+    assert image.plan.options.area_shadows == "pcss" and "one map" not in str(image.plan)
+
+
+def test_lamps_of_built_in_scenes_keep_their_maps() -> None:
+    for name, builder in SCENES.items():
+        assert wide_lights(tr.load(name, size=builder.fewest)) == (), name

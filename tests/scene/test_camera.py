@@ -209,3 +209,19 @@ def test_pixels_that_do_not_fit_are_refused_by_name() -> None:
     with pytest.raises(CameraError, match=r"pixels must have shape \(1, 6, 7, 2\) as depth has, got \(6, 8, 2\)"):
         one.unproject(one.pixel_centres(), torch.ones(1, 6, 7))
     assert one.rays(torch.zeros(1, 0, 2))[0].shape == (1, 0, 3)
+
+
+def test_no_eyes_are_no_cameras() -> None:
+    """As a part of a batch with nothing in it."""
+    none = torch.zeros(0, 3)
+    looking = Cameras.look_at(none, [0.0, 0.0, 0.0], width=4, height=3)
+    flat = Cameras.orthographic_view(none, none, width=4, height=3, view_height=2.0)
+    for empty in (looking, flat, Cameras.cat([looking, looking[0:0]])):
+        assert len(empty) == 0 and empty.eye.shape == (0, 3)
+        assert tuple(empty.rays()[1].shape) == (0, 3, 4, 3)
+    one = Cameras.look_at([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], width=4, height=3)
+    assert len(Cameras.cat([looking, one])) == 1
+    with pytest.raises(CameraError, match="eye, target and up must be one or equally many, got 0, 2, 1"):
+        Cameras.look_at(none, torch.zeros(2, 3), width=4, height=3)
+    with pytest.raises(CameraError, match="cameras must not be empty: an empty batch has a size of pictures, too"):
+        Cameras.cat([])

@@ -44,9 +44,15 @@ class BehindPanes:
         own, passing = layers_along(self._scene, self._panes, through, hits.t, light, layers=self._layers)
         return torch.addcmul(own, behind, passing)
 
-    def environment(self, direction: Tensor, eyes: Tensor | None = None, spread: Tensor | None = None) -> Tensor:
+    def environment(
+        self,
+        direction: Tensor,
+        eyes: Tensor | None = None,
+        spread: Tensor | None = None,
+        leaving: tuple[Tensor, Tensor] | None = None,
+    ) -> Tensor:
         """As of the shader: no ray is cast there."""
-        return self._shader.environment(direction, eyes, spread)
+        return self._shader.environment(direction, eyes, spread, leaving)
 
     def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """As of the shader: no ray is cast there."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from dataclasses import replace
 
 import torch
 from torch import Tensor
 
+from torchrender.effects.shadows.light_cameras import wide_lights
 from torchrender.errors import (
     ColorWarning,
     EmptyWarning,
@@ -49,6 +50,23 @@ def scene_doubts(scene: Scene) -> list[Doubt]:
         known += [*_opacities(scene), *_glows(scene)]
         scene.__dict__["_doubts"] = known
     return known
+
+
+def shadow_doubts(scene: Scene, options: RenderOptions) -> list[Doubt]:
+    """About lights that one map from their middle is too little for, in a picture made so."""
+    if not options.shadows or options.area_shadows != "pcss":
+        return []
+    wide = wide_lights(scene)
+    if not wide:
+        return []
+    told = f"{lights_told(scene, wide)} large beside what stands close by: maps from the middle see little around that"
+    return [(LightWarning, f'{scene.name}: {told}: area_shadows="sampled" does')]
+
+
+def lights_told(scene: Scene, numbers: Sequence[int]) -> str:
+    """Lights as texts name them, and the verb."""
+    first = f"light {scene.lights[numbers[0]].name!r}"
+    return f"{first} is" if len(numbers) == 1 else f"{first} and {len(numbers) - 1} more are"
 
 
 def say(doubts: list[Doubt]) -> None:

@@ -19,11 +19,15 @@ from torchrender.effects.reflections.reflectors import (
 )
 from torchrender.pipeline.frame import SampleRenderer
 from torchrender.pipeline.hit_memory import HitMemory, keys_of
-from torchrender.pipeline.scene_cube import SceneCube, Solid, make_cube, middle_solids
+from torchrender.pipeline.scene_cube import OWN_SIZE, SceneCube, Solid, Solids, make_cube
 from torchrender.pipeline.sky_pyramid import SkyPyramid
 from torchrender.scene.model import Scene
 from torchrender.shading.mirrors import mirror_values
 from torchrender.shading.ray_surface import ray_surface
+
+OWN_SHARE = 0.25
+"""Share of the rays from which on the object that they leave is looked around from: four maps at most. Of many small
+reflectors the scene's middle tells nearly as much, and the maps of each would take most of the time."""
 
 
 class HitShader:
@@ -53,7 +57,8 @@ class HitShader:
         self._light = light
         self._light_of_many = light if light_of_many is None else light_of_many
         self._light_around = light if light_around is None else light_around
-        self._cubes: dict[tuple[int, ...], SceneCube] = {}
+        self._cubes: dict[tuple[int, tuple[int, ...]], SceneCube] = {}
+        self._reflectors: dict[int, Solid | None] = {}
 
     def __call__(self, rays: ReflectedRays, hits: RayHits, onward: Onward | None = None) -> Tensor:
         """Radiance (N,3) towards the rays' origins; ``onward`` knows what mirrors among the hits show."""
@@ -76,13 +81,36 @@ class HitShader:
         color = self.scene.ambient.float() if self.background is None else as_vector("background", self.background)
         return color.expand(len(direction), 3)
 
-    def environment(self, direction: Tensor, eyes: Tensor | None = None, spread: Tensor | None = None) -> Tensor:
+    def environment(
+        self,
+        direction: Tensor,
+        eyes: Tensor | None = None,
+        spread: Tensor | None = None,
+        leaving: tuple[Tensor, Tensor] | None = None,
+    ) -> Tensor:
         """Radiance (N,3) along unit directions (N,3) from the scene's middle, closed objects there left out.
 
         What holds one of the ``eyes`` (B,3) of the picture is a room, and stays. What lies outside the scene is seen as
         blurred as the rays ``spread`` (N,).
+
+        Args:
+            leaving: places (N,3) where the rays start, and objects (N,) that they leave: those that most rays leave are
+                looked around from, and see all but themselves. None: as if everything were infinitely far away.
         """
-        return self._cube(eyes).lookup(direction, self.surrounding(direction, spread))
+        outside = self.surrounding(direction, spread)
+        if leaving is None:
+            return self._cube(eyes).lookup(direction, outside)
+        place, owner = leaving
+        seen, of_middle = outside.clone(), torch.ones(len(owner), dtype=torch.bool)
+        for number in self._looked_from(owner, eyes):
+            rows = (owner == number).nonzero().reshape(-1)
+            of_middle[rows] = False
+            cube = self._cube(eyes, self._reflectors[number])
+            seen[rows] = cube.lookup(direction[rows], outside[rows], place[rows])
+        rows = of_middle.nonzero().reshape(-1)
+        if len(rows):
+            seen[rows] = self._cube(eyes).lookup(direction[rows], outside[rows], place[rows])
+        return seen
 
     def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """Radiance (N,3): what the middle sees of the place where each ray leaves the scene's bounding box.
@@ -146,22 +174,62 @@ class HitShader:
         return SkyPyramid.of(self.scene.environment)
 
     @cached_property
-    def _solids(self) -> tuple[Solid, ...]:
-        """What the middle does not see from inside, but for eyes in it."""
-        return middle_solids(self.scene.geometry)
+    def _solids(self) -> Solids:
+        return Solids.of(self.scene.geometry)
+
+    @cached_property
+    def _enclosing(self) -> dict[int, tuple[Solid, ...]]:
+        """What the middle of the scene (-1), and those of reflectors, do not see from inside, but for eyes in it."""
+        return {-1: self._solids.around(self.scene.bounds.mean(dim=0))}
 
     @property
     def looked_around(self) -> bool:
-        """The scene was drawn from its middle."""
+        """The scene was drawn from its middle, or from that of a reflector."""
         return bool(self._cubes)
 
-    def _cube(self, eyes: Tensor | None) -> SceneCube:
-        """The scene as its middle sees it."""
-        left_out = tuple(one.number for one in self._solids if eyes is None or not one.holds(eyes.double()))
-        if left_out not in self._cubes:
-            some = torch.tensor(left_out, dtype=torch.int64)
-            self._cubes[left_out] = make_cube(self.scene, self._light_around, self.surrounding, some)
-        return self._cubes[left_out]
+    def unseen(self, owner: Tensor, eyes: Tensor | None = None) -> bool:
+        """Something has yet to be drawn before rays that leave the objects (N,) know their environment."""
+        own = self._looked_from(owner, eyes)
+        found = [self._key(eyes, self._reflectors[number]) for number in own]
+        if not bool(torch.isin(owner, torch.tensor(own, dtype=owner.dtype)).all()):
+            found.append(self._key(eyes))
+        return any(key not in self._cubes for key in found)
+
+    def _looked_from(self, owner: Tensor, eyes: Tensor | None) -> list[int]:
+        """Reflectors among objects (N,) that rays leave whose own middles look around: those most seen."""
+        numbers, counts = owner.unique(return_counts=True)
+        found = []
+        for number in numbers[counts >= OWN_SHARE * len(owner)].tolist():
+            if number not in self._reflectors:
+                self._reflectors[number] = self._solids.reflector(number)
+            own = self._reflectors[number]
+            if own is not None and (eyes is None or not own.holds(eyes.double())):
+                found.append(number)
+        return found
+
+    def _key(self, eyes: Tensor | None, own: Solid | None = None) -> tuple[int, tuple[int, ...]]:
+        """The middle from which is seen, -1: the scene's, and what is left out."""
+        number = -1 if own is None else own.number
+        if own is not None and number not in self._enclosing:
+            self._enclosing[number] = self._solids.around((own.low + own.high) / 2)
+        around = [one.number for one in self._enclosing[number] if eyes is None or not one.holds(eyes.double())]
+        return number, tuple(sorted({*around, *([] if own is None else [number])}))
+
+    def _cube(self, eyes: Tensor | None, own: Solid | None = None) -> SceneCube:
+        """The scene as its middle sees it, or that of a reflector."""
+        key = self._key(eyes, own)
+        if key not in self._cubes:
+            some = torch.tensor(key[1], dtype=torch.int64)
+            size = OWN_SIZE if own is not None and self._several else None
+            self._cubes[key] = make_cube(self.scene, self._light_around, self.surrounding, some, own, size)
+        return self._cubes[key]
+
+    @cached_property
+    def _several(self) -> bool:
+        """More than one object mirrors."""
+        geometry = self.scene.geometry
+        mirrors = self.scene.material_table.is_reflector[geometry.material]
+        return len(geometry.object_id[mirrors].unique()) > 1
 
 
 def _mirrored(

@@ -21,6 +21,7 @@ from torchrender.checks import (
 )
 from torchrender.errors import InputError
 from torchrender.scene.camera import Cameras, framing_camera
+from torchrender.scene.parts.places import check_near
 
 RADIUS_NEIGHBOUR = 6
 RADIUS_SCALE = 0.75
@@ -70,7 +71,8 @@ class PointCloud:
         count = check_tensor("position", self.position, ("P", 3)).shape[0]
         if not count:
             raise InputError("position must hold at least one point")
-        object.__setattr__(self, "position", check_finite("position", self.position.detach().double().contiguous()))
+        place = check_finite("position", self.position.detach().double().contiguous())
+        object.__setattr__(self, "position", check_near("position", place))
         if self.normal is not None:
             normal = check_tensor("normal", self.normal, (count, 3)).detach().double()
             normal = torch.where(torch.isfinite(normal).all(1, keepdim=True), normal, 0.0)

@@ -20,6 +20,7 @@ from torchrender.errors import CameraError
 from torchrender.numerics.transforms import look_at_matrix, pinhole_matrix
 from torchrender.scene.cameras.doors import CameraDoors, focal_length
 from torchrender.scene.cameras.record import check_side
+from torchrender.scene.parts.places import FARTHEST_EYE, check_near
 
 
 class Cameras(CameraDoors):
@@ -95,7 +96,7 @@ class Cameras(CameraDoors):
         """Cameras at eyes that look at targets, upright along ups: each (3,) or (B,3)."""
         places = [_places(name, value) for name, value in zip(("eye", "target", "up"), given, strict=True)]
         counts = [len(place) for place in places]
-        count = max(counts)
+        count = min(counts) if 0 in counts else max(counts)
         if any(n not in (1, count) for n in counts):
             raise CameraError(f"eye, target and up must be one or equally many, got {', '.join(map(str, counts))}")
         eyes, targets, ups = (place.expand(count, 3) for place in places)
@@ -103,13 +104,14 @@ class Cameras(CameraDoors):
             raise CameraError("up must not be 0, 0, 0")
         matrices = [look_at_matrix(e, t, u) for e, t, u in zip(eyes, targets, ups, strict=True)]
         near, far = (torch.tensor(v, dtype=torch.float64) for v in limits)
-        return cls(torch.stack(matrices), k.expand(count, 3, 3), *size, near, far, orthographic=orthographic)
+        stacked = torch.stack(matrices) if matrices else torch.zeros(0, 4, 4, dtype=torch.float64)
+        return cls(stacked, k.expand(count, 3, 3), *size, near, far, orthographic=orthographic)
 
     @classmethod
     def cat(cls, cameras: Sequence[Cameras]) -> Cameras:
         """One batch from several; all must share image size and projection."""
         if not cameras:
-            raise CameraError("cameras must not be empty")
+            raise CameraError("cameras must not be empty: an empty batch has a size of pictures, too")
         first = cameras[0]
         if any((c.width, c.height, c.orthographic) != (first.width, first.height, first.orthographic) for c in cameras):
             raise CameraError("cameras in one batch must share width, height and projection")
@@ -287,9 +289,10 @@ def _places(name: str, value: Tensor | Sequence[float]) -> Tensor:
     """(B,3) float64 of one place or several."""
     check_no_gradient("a camera", **{name: value})
     places = as_array(name, value, error=CameraError).detach().to("cpu", torch.float64)
-    if places.dim() not in (1, 2) or places.shape[-1] != 3 or not len(places):
+    if places.dim() not in (1, 2) or places.shape[-1] != 3:
         raise CameraError(f"{name} must have shape (3,) or (B, 3), got {tuple(places.shape)}")
-    return check_finite(name, places.reshape(len(places) if places.dim() == 2 else 1, 3), CameraError)
+    places = check_finite(name, places.reshape(len(places) if places.dim() == 2 else 1, 3), CameraError)
+    return places if name == "up" else check_near(name, places, CameraError, limit=FARTHEST_EYE)
 
 
 def framing_camera(

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor
 
 from torchrender.checks import as_vector, check_no_gradient, check_not_negative, check_range
 from torchrender.errors import InputError
+from torchrender.scene.parts.places import check_near
 
 NARROWEST_DEG, WIDEST_DEG = 0.001, 90.0
 """Half angles of a spot's cone."""
@@ -34,9 +35,12 @@ def _white() -> Tensor:
     return torch.ones(3)
 
 
-def _vectors(light: object, *names: str, dtype: torch.dtype = torch.float32) -> None:
+def _vectors(light: Any, *names: str, dtype: torch.dtype = torch.float32) -> None:
     for name in names:
-        object.__setattr__(light, name, as_vector(f"{type(light).__name__}.{name}", getattr(light, name), dtype=dtype))
+        told = f"{type(light).__name__}.{name}"
+        object.__setattr__(light, name, as_vector(told, getattr(light, name), dtype=dtype))
+        if name in ("position", "corner", "edge_u", "edge_v"):
+            check_near(f"light {light.name!r}: {told}", getattr(light, name))
 
 
 def _colors(light: object, name: str) -> None:

@@ -14,10 +14,9 @@ from torch import Tensor
 from torchrender.brief import brief
 from torchrender.checks import as_array, as_vector, check_choice, check_finite, check_no_gradient, check_range
 from torchrender.errors import InputError
+from torchrender.scene.parts.places import check_near
 
 SCALES = ("both", "absorption")
-LARGEST_PLACE = 1e30
-"""Coordinate of a corner: beyond, lengths do not fit float32, nor their squares float64 in the end."""
 LARGEST_RISE = 60.0
 """Largest exponent of a density inside its box: more would leave the range of float32."""
 
@@ -63,9 +62,7 @@ class Medium:
             value = as_vector(f"medium {self.name!r}: {name}", getattr(self, name), dtype=dtype)
             object.__setattr__(self, name, value)
         for name in ("low", "high"):
-            if bool((getattr(self, name).abs() > LARGEST_PLACE).any()):
-                corner = getattr(self, name).tolist()
-                raise InputError(f"medium {self.name!r}: {name} must lie within ±{LARGEST_PLACE:g}, got {corner}")
+            check_near(f"medium {self.name!r}: {name}", getattr(self, name))
         if not bool((self.high > self.low).all()):
             low, high = self.low.tolist(), self.high.tolist()
             raise InputError(f"medium {self.name!r}: high must exceed low, got {low} and {high}")

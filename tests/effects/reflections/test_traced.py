@@ -189,7 +189,8 @@ def test_the_environment_is_what_the_centre_sees() -> None:
     shader = hit_shader(scene, RenderOptions(shadows=False))
     layer = environment_reflections(pixels, shader)
     mirror = layer.state == ReflectionState.ENVIRONMENT
-    assert torch.equal(layer.color[mirror], shader.environment(pixels.direction))
+    leaving = (pixels.position, pixels.object_id)
+    assert torch.equal(layer.color[mirror], shader.environment(pixels.direction, leaving=leaving))
     # Straight ahead from the centre (0, 0, 2) the cube map shows the card, straight back the mirror.
     ahead = shader.environment(torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
     assert float(ahead[0].mean()) > 0.15

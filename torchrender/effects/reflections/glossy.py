@@ -85,3 +85,10 @@ def _around(layer: ReflectionLayer, color: Tensor, width: Tensor, apart: int) ->
             weight[here] += part
             total[here] += part[..., None] * color[there]
     return total / weight[..., None]
+
+
+def mean_distance(lengths: Tensor) -> Tensor:
+    """Mean (N,) float32 of the finite ones of (N,K) lengths; +inf where there is none."""
+    finite = torch.isfinite(lengths)
+    total = torch.where(finite, lengths, 0.0).sum(dim=1)
+    return torch.where(finite.any(dim=1), total / finite.sum(dim=1).clamp_min(1), torch.inf).float()

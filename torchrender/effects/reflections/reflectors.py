@@ -126,9 +126,15 @@ class RayShader(Protocol):
             onward: what mirrors among the hits show; None: a guess by ``surroundings``.
         """
 
-    def environment(self, direction: Tensor, eyes: Tensor | None = None, spread: Tensor | None = None) -> Tensor:
+    def environment(
+        self,
+        direction: Tensor,
+        eyes: Tensor | None = None,
+        spread: Tensor | None = None,
+        leaving: tuple[Tensor, Tensor] | None = None,
+    ) -> Tensor:
         """(N,3) the scene as its middle sees it, along unit directions (N,3) of rays that ``spread`` (N,), in a
-        picture from ``eyes`` (B,3)."""
+        picture from ``eyes`` (B,3); or as reflectors do: ``leaving`` = places (N,3) on them, and their objects (N,)."""
 
     def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """(N,3) a guess, without rays, at what arrives at positions (N,3) from unit directions (N,3)."""
@@ -190,13 +196,6 @@ def mirrored_direction(view: Tensor, normal: Tensor, flat: Tensor) -> Tensor:
     direction = reflect(view, normal)
     into = (direction * flat).sum(-1, keepdim=True).clamp_max(0.0)
     return torch.nn.functional.normalize(direction - 2.0 * into * flat, dim=-1, eps=1e-30)
-
-
-def mean_distance(lengths: Tensor) -> Tensor:
-    """Mean (N,) float32 of the finite ones of (N,K) lengths; +inf where there is none."""
-    finite = torch.isfinite(lengths)
-    total = torch.where(finite, lengths, 0.0).sum(dim=1)
-    return torch.where(finite.any(dim=1), total / finite.sum(dim=1).clamp_min(1), torch.inf).float()
 
 
 def reflected_rays(pixels: ReflectivePixels, direction: Tensor | None = None) -> ReflectedRays:

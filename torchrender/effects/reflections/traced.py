@@ -15,7 +15,7 @@ from torch import Tensor
 from torchrender.buffers import ReflectionLayer, ReflectionState
 from torchrender.checks import check_choice, check_range, checked_fields, options_of
 from torchrender.effects.reflections.bounces import traced_onward
-from torchrender.effects.reflections.glossy import share_rays
+from torchrender.effects.reflections.glossy import mean_distance, share_rays
 from torchrender.effects.reflections.reflectors import (
     LOBES,
     Onward,
@@ -23,7 +23,6 @@ from torchrender.effects.reflections.reflectors import (
     ReflectedRays,
     ReflectivePixels,
     lobe_rays,
-    mean_distance,
     reflected_rays,
     reflection_layer,
 )
@@ -118,7 +117,8 @@ def trace_rays(
 def environment_reflections(
     pixels: ReflectivePixels, shader: RayShader, options: TraceOptions | None = None
 ) -> ReflectionLayer:
-    """What the pixels mirror if everything were infinitely far away: looks into the scene from its centre.
+    """What the pixels mirror by pictures all around: of the scene from the reflectors that are seen most, each left out
+    of its own, and from its centre.
 
     Mirrors look once, glossy pixels as often as they would cast rays.
     """
@@ -126,7 +126,8 @@ def environment_reflections(
     color = torch.zeros(len(pixels), 3)
     for rows, part, rays, weight in _bundles(pixels, options):
         spread = None if weight is None else rays.spread
-        color[rows] = _mean(shader.environment(rays.direction, part.cameras.eye, spread), weight, len(rows))
+        leaving = (rays.origin, part.object_id.repeat_interleave(len(rays.origin) // len(rows)))
+        color[rows] = _mean(shader.environment(rays.direction, part.cameras.eye, spread, leaving), weight, len(rows))
     if options.share_rays:
         color = share_rays(pixels, color)
     state = torch.full((len(pixels),), int(ReflectionState.ENVIRONMENT))

@@ -15,8 +15,11 @@ from torch import Tensor
 
 from torchrender.checks import check_finite, check_range, check_tensor
 from torchrender.numerics.shadow_compare import LightView
+from torchrender.raster import rasterize_depth
 from torchrender.scene.camera import Cameras, look_at_matrix, pinhole_matrix
 from torchrender.scene.light import DirectionalLight, Light, PointLight, RectLight, SpotLight
+from torchrender.scene.mesh import Geometry
+from torchrender.scene.model import Scene
 
 NEAREST = 1e-10
 """Smallest near plane of a light inside the scene, as a share of its far plane."""
@@ -189,3 +192,52 @@ def extent(camera_from_world: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor]:
     centre = boxes.mean(1) @ rotation.T + shift
     half = (boxes[:, 1] - boxes[:, 0]) / 2 @ rotation.abs().T
     return (centre - half).amin(0), (centre + half).amax(0)
+
+
+# ---------------------------------------------------------------- one view or many
+
+BESIDE = 0.25
+"""Share of the view straight ahead from which on what stands close to a rectangle hides too much of it."""
+
+AROUND = 1.5
+"""Times as far as that reaches what is seen around it."""
+
+_TEXELS = 24
+
+
+def wide_lights(scene: Scene) -> tuple[int, ...]:
+    """Numbers of the rectangles whose shadows no view from their middle tells.
+
+    Nearer than half their width something fills much of the view straight ahead, and more lies behind it: other parts
+    of the light see past. Found once and kept with the scene.
+    """
+    known: tuple[int, ...] | None = scene.__dict__.get("_wide_lights")
+    if known is None:
+        geometry = scene.geometry.solid
+        lights = [(n, light) for n, light in enumerate(scene.lights) if isinstance(light, RectLight)]
+        known = tuple(n for n, light in lights if light.area > 0 and hidden_ahead(geometry, light) > BESIDE)
+        scene.__dict__["_wide_lights"] = known
+    return known
+
+
+def hidden_ahead(geometry: Geometry, light: RectLight) -> float:
+    """Share of the view of 90 degrees straight ahead from a rectangle's middle that is filled from close by."""
+    boxes = geometry.cluster_bounds
+    if not len(boxes):
+        return 0.0
+    matrix = _standing(light.centre, light.normal.double()[None])
+    rotation, shift = matrix[0, :3, :3], matrix[0, :3, 3]
+    centre = boxes.mean(1) @ rotation.T + shift
+    half = (boxes[:, 1] - boxes[:, 0]) / 2 @ rotation.abs().T
+    deepest = centre[:, 2] + half[:, 2]
+    ahead = (deepest > 0) & ((centre.abs() - half)[:, :2] <= deepest[:, None]).all(-1)
+    if not bool(ahead.any()):
+        return 0.0
+    close = min(math.sqrt(light.area) / 2, float(deepest[ahead].max()) / AROUND)
+    beside = (centre.abs() - half)[:, :2].amax(-1)  # of the view's edge, as far as it is deep
+    if not bool((ahead & (centre[:, 2] - half[:, 2] < close) & (beside <= close)).any()):
+        return 0.0
+    k = pinhole_matrix(_TEXELS / 2, _TEXELS / 2, _TEXELS / 2, _TEXELS / 2)
+    limits = [torch.tensor(v * close, dtype=torch.float64) for v in (1e-6, 1.0)]
+    view = replace(_unfitted(matrix, k[None], _TEXELS, _TEXELS), near=limits[0], far=limits[1])
+    return float(torch.isfinite(rasterize_depth(geometry, view)).float().mean())

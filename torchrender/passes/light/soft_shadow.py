@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchrender.buffers import GBuffer, RaySurface
+from torchrender.effects.shadows.light_cameras import wide_lights
 from torchrender.effects.shadows.occluders import OccluderOptions, approximate_occluders
 from torchrender.effects.shadows.shadow_map import light_visibility
 from torchrender.effects.shadows.soft_shadow import SoftShadowOptions, soft_shadow
 from torchrender.effects.shadows.traced import traced_visibility
-from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass
+from torchrender.passes.contract import Amounts, Buffers, OwnMeasure, Pass, Prices
 from torchrender.passes.hard import LIGHTS, HardEffect, Law, Outputs, Subject, mean_over, receives
 from torchrender.passes.light.light_reach import AREA_LIGHTS, LIGHT_REACH
 from torchrender.passes.light.probe import few_rows, surface_of
@@ -23,12 +26,15 @@ from torchrender.passes.outlook import Outlook, Verdict, counted, no_shadows
 from torchrender.passes.seen.gbuffer import GBUFFER
 from torchrender.passes.seen.occluders import OCCLUDERS
 from torchrender.passes.senses import borders, partly_lit
-from torchrender.passes.settings import settings
+from torchrender.passes.settings import Setting, settings
+from torchrender.pipeline.doubts import lights_told
 from torchrender.pipeline.frame import Frame
 from torchrender.pipeline.history import RenderHistory
 from torchrender.pipeline.options import RenderOptions
 from torchrender.rays import RayCaster
+from torchrender.scene.camera import Cameras
 from torchrender.scene.light import Light, RectLight
+from torchrender.scene.model import Scene
 
 
 def applies(outlook: Outlook) -> Verdict:
@@ -41,7 +47,27 @@ def applies(outlook: Outlook) -> Verdict:
     reaching = outlook.known.get(AREA_LIGHTS)
     if reaching == 0:
         return Verdict(False, "no light with an area reaches what is seen")
-    return Verdict(True, counted(outlook.area_lights if reaching is None else int(reaching), "light") + " with an area")
+    told = counted(outlook.area_lights if reaching is None else int(reaching), "light") + " with an area"
+    wide = outlook.fact(_wide) if outlook.options.area_shadows == "sampled" else ()
+    return Verdict(True, f"{told}; {lights_told(outlook.scene, wide)} too large for one map" if wide else told)
+
+
+def _wide(scene: Scene, _: Cameras) -> tuple[int, ...]:
+    return wide_lights(scene)
+
+
+def left_open(options: RenderOptions) -> bool:
+    """The usual way is not asked for by name."""
+    return options.area_shadows == "pcss" and PASS.name not in options.fixed
+
+
+def settle(outlook: Outlook, prices: Prices) -> RenderOptions:
+    """Samples instead of a map from the middle of each light, where such maps miss much of what some light reaches."""
+    del prices
+    options = outlook.options
+    if not left_open(options) or no_shadows(outlook) is not None or not outlook.fact(_wide):
+        return options
+    return Setting(SAMPLED, WAYS[SAMPLED]).applied(options)
 
 
 def asks(outlook: Outlook) -> Buffers:
@@ -164,6 +190,16 @@ HARD = HardEffect(
     turns=False,
 )
 
+WAYS: Mapping[str, Mapping[str, Any]] = {
+    "hard": {"area_shadows": "hard"},
+    "pcss": {"area_shadows": "pcss"},
+    "4 x 4": {"area_shadows": "sampled", "soft_shadow.light_samples": 4},
+    "8 x 8": {"area_shadows": "sampled", "soft_shadow.light_samples": 8},
+    "16 x 16": {"area_shadows": "sampled", "soft_shadow.light_samples": 16},
+}
+
+SAMPLED = "8 x 8"
+"""Of these where maps fail and nobody says how."""
 
 PASS = Pass(
     name="soft_shadow",
@@ -175,15 +211,10 @@ PASS = Pass(
     asks=asks,
     applies=applies,
     run=run,
+    settle=settle,
     settings=settings(
         "way, light samples",
-        {
-            "hard": {"area_shadows": "hard"},
-            "pcss": {"area_shadows": "pcss"},
-            "4 x 4": {"area_shadows": "sampled", "soft_shadow.light_samples": 4},
-            "8 x 8": {"area_shadows": "sampled", "soft_shadow.light_samples": 8},
-            "16 x 16": {"area_shadows": "sampled", "soft_shadow.light_samples": 16},
-        },
+        WAYS,
     ),
     amounts=amounts,
     senses=senses,

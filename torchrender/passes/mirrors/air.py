@@ -92,9 +92,15 @@ class InAir:
         """Radiance (N,3) that mirrors show where nobody follows light any further."""
         return self.surroundings(points.rays.origin, points.rays.direction)
 
-    def environment(self, direction: Tensor, eyes: Tensor | None = None, spread: Tensor | None = None) -> Tensor:
+    def environment(
+        self,
+        direction: Tensor,
+        eyes: Tensor | None = None,
+        spread: Tensor | None = None,
+        leaving: tuple[Tensor, Tensor] | None = None,
+    ) -> Tensor:
         """As of the shader: such rays start nowhere."""
-        return self._shader.environment(direction, eyes, spread)
+        return self._shader.environment(direction, eyes, spread, leaving)
 
     def surroundings(self, position: Tensor, direction: Tensor, eyes: Tensor | None = None) -> Tensor:
         """Radiance (N,3) as of the shader, beyond all media on the way."""

@@ -103,10 +103,11 @@ def senses(frame: Frame) -> dict[str, float]:
     pixels, layer = frame[REFLECTIVE_PIXEL], frame[REFLECTIONS]
     if frame.options.reflections == "environment" or not len(pixels):
         return {}
-    if not frame[HIT_SHADER].looked_around and frame.spare_ms < LOOK_MS:
-        return {}
     chosen = pixels.select(torch.arange(len(pixels))[:: -(-len(pixels) // PROBED)])
-    far = frame[HIT_SHADER].environment(chosen.direction, chosen.cameras.eye)
+    if frame.spare_ms < LOOK_MS and frame[HIT_SHADER].unseen(chosen.object_id, chosen.cameras.eye):
+        return {}
+    leaving = (chosen.position, chosen.object_id)
+    far = frame[HIT_SHADER].environment(chosen.direction, chosen.cameras.eye, leaving=leaving)
     direct, mirrored = (image.reshape(-1, 3)[chosen.pixel] for image in (frame[DIRECT_LIGHT], layer.color))
     share = frame[MIRROR_SHARE]
     replaced, weight = (image.reshape(-1, 3)[chosen.pixel] for image in (share.replaced, share.mirrored))

@@ -12,8 +12,9 @@ import torch
 from torch import Tensor
 
 from torchrender.brief import brief, brief_html
-from torchrender.checks import check_finite, check_no_gradient, is_whole
+from torchrender.checks import check_finite, check_no_gradient, check_place, is_whole
 from torchrender.errors import CameraError
+from torchrender.scene.parts.places import FARTHEST_EYE, check_near
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -82,7 +83,7 @@ class CameraRecord:
         for name in ("camera_from_world", "intrinsics", "near", "far"):
             check_no_gradient("a camera", **{name: getattr(self, name)})
             value = torch.as_tensor(getattr(self, name)).detach().to("cpu", torch.float64)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, check_place(name, value, CameraError))
         matrix, k = self.camera_from_world, self.intrinsics
         if matrix.dim() != 3 or matrix.shape[1:] != (4, 4):
             raise CameraError(f"camera_from_world must have shape (B, 4, 4), got {tuple(matrix.shape)}")
@@ -103,6 +104,8 @@ class CameraRecord:
         # In numpy: cameras are made by the dozen for each picture, and torch takes ten times as long for a few numbers.
         matrix, k = self.camera_from_world.detach().numpy(), self.intrinsics.detach().numpy()
         near, far = self.near.detach().numpy(), self.far.detach().numpy()
+        if len(matrix) and np.abs(matrix[:, :3, 3]).max() > 2.0 * FARTHEST_EYE and np.isfinite(matrix).all():
+            check_near("camera_from_world", self.camera_from_world[:, :3, 3], CameraError, limit=FARTHEST_EYE)
         if not np.isfinite(matrix).all():
             check_finite("camera_from_world", self.camera_from_world, CameraError)
         if not np.isfinite(k).all():

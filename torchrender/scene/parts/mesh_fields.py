@@ -12,9 +12,7 @@ from torch import Tensor
 from torchrender.checks import as_array, check_finite, check_name, check_not_negative
 from torchrender.errors import MeshError
 from torchrender.scene.parts.columns import are_whole
-
-FARTHEST = 1e15
-"""Coordinate of a vertex, at most: light counts squares of distances in float32."""
+from torchrender.scene.parts.places import check_near
 
 _KINDS = {"vertices": torch.float64, "faces": torch.int64}
 _SHAPES = {"normals": (3,), "uv": (2,), "uv1": (2,), "tangents": (4,), "colors": (3,), "alpha": ()}
@@ -49,8 +47,7 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Tensor | None]:
         raise MeshError(
             f"mesh {name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
         )
-    if len(v) and float(v.detach().abs().amax()) > FARTHEST:
-        raise MeshError(f"mesh {name!r}: vertices must lie within {FARTHEST:g} scene units of the origin")
+    check_near(f"mesh {name!r}: vertices", v, MeshError)
     normals = arrays["normals"]
     if normals is not None and len(normals) and not any(bool(torch.isfinite(r).all(1).any()) for r in _looks(normals)):
         raise MeshError(f"mesh {name!r}: normals must be finite, all {len(normals)} are NaN or infinite")

@@ -12,13 +12,13 @@ from torchrender.buffers import RayHits
 from torchrender.clock import StepClock
 from torchrender.effects.reflections.clusters.images import ClusterAnswer
 from torchrender.effects.reflections.clusters.options import ClusterOptions
+from torchrender.effects.reflections.glossy import mean_distance
 from torchrender.effects.reflections.reflectors import (
     Onward,
     RayShader,
     ReflectedRays,
     ReflectivePixels,
     lobe_rays,
-    mean_distance,
     reflected_rays,
 )
 from torchrender.kernels.rays.depth_march import UNKNOWN
