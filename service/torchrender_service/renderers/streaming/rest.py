@@ -20,6 +20,8 @@ from torchrender_service.renderers.streaming.session import Made
 
 COARSEST = 4.0
 """Pixels that a texel of a map of everything may be as wide as, where exact edges settle what it leaves open."""
+COARSEST_OF_SUN = 1.5
+"""The same of parallel light: leaves and blades out of doors are thinner than its texels."""
 MOST_FINER = 0.95
 """Share of the pixels whose texels must be that fine."""
 STEP = 8
@@ -37,8 +39,10 @@ def with_maps_at_hand(scene: Scene, camera: Cameras, options: RenderOptions, pas
     if not all(made is not None for made in wanted):
         return options
     few = rasterize_visibility(scene.geometry, camera.scaled(1 / STEP))
-    if any(coarseness(made, camera, few) > COARSEST for made in wanted if made is not None):
-        return options
+    for made in wanted:
+        assert made is not None
+        if coarseness(made, camera, few) > (COARSEST_OF_SUN if made.cameras.orthographic else COARSEST):
+            return options
     return replace(options, shadow=replace(options.shadow, coverage="scene"))
 
 
