@@ -15,8 +15,8 @@ from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
 from torchrender_service.renderers.keyframes import Stamp, displayed
 from torchrender_service.renderers.streaming.carrying import LitViews
-from torchrender_service.renderers.streaming.glass import Base, lit_picture
-from torchrender_service.renderers.streaming.haze import Haze
+from torchrender_service.renderers.streaming.glass import Base, lit_picture, veiled
+from torchrender_service.renderers.streaming.haze import Haze, is_hazy
 from torchrender_service.renderers.streaming.lattice import window_of
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import busiest
@@ -66,6 +66,13 @@ class Refinement:
     count: int = 0
     base: Base | None = None  # the further pictures take their light from this; None: they are made anew
     carried: Made | None = None  # what was sent first, where its margin serves the picture that is made anew
+
+    def begin(self, made: Made) -> None:
+        """With what was sent first: a picture that was made anew, or the margin of a carried one."""
+        if not made.carried:
+            self.take(made, whole=not veiled(self.scene, self.camera, made.options))
+        elif not is_hazy(self.scene, self.camera, made.options):
+            self.carried = made
 
     def take(self, made: Made, *, whole: bool) -> None:
         """A picture that was made anew. The extra layers and mirrors of the last message are those of the first.

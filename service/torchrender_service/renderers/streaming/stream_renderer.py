@@ -28,7 +28,6 @@ from torchrender_service.renderers.keyframes import Stamp, enough_bits, first_me
 from torchrender_service.renderers.streaming.beginnings import Beginnings
 from torchrender_service.renderers.streaming.carrying import carried_picture, moved_aside, smooth_edges
 from torchrender_service.renderers.streaming.glass import CARRYING_NEEDS, veiled
-from torchrender_service.renderers.streaming.haze import is_hazy
 from torchrender_service.renderers.streaming.layers import (
     cameras_around,
     extra_layers,
@@ -115,10 +114,7 @@ class StreamRenderer:
         if job.still:
             refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), made.plan, render_ms=render_ms)
             light = light.clamp(max=refined.brightest)
-            if not made.carried:
-                refined.take(made, whole=not veiled(scene, camera, made.options))
-            elif not is_hazy(scene, camera, made.options):
-                refined.carried = made
+            refined.begin(made)
             self._refined[job.session] = refined
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
