@@ -102,9 +102,15 @@ def test_light_behind_panes_and_media_is_carried_and_seen_through_those_of_the_n
     assert not np.isnan(picture_of(left[-1]["messages"][0]).codes.numpy()).any()
 
 
-@pytest.mark.parametrize("make", [patterned, foggy, lambda: load("cornell_box")], ids=["anew", "haze", "clear"])
-def test_further_pictures_are_of_what_is_shown(make, monkeypatch) -> None:
-    """The margin that only a moving view needs keeps the light of the first; the same pixels are made of the rest."""
+def clear():
+    """Without ambient visibility, whose pattern follows the pixels."""
+    return replace(load("cornell_box"), ambient=torch.zeros(3))
+
+
+@pytest.mark.parametrize(("make", "whole"), [(patterned, 6), (foggy, 6), (clear, 5)], ids=["anew", "haze", "clear"])
+def test_further_pictures_are_of_what_is_shown(make, whole, monkeypatch) -> None:
+    """The margin that only a moving view needs keeps the light of the first, be that carried; the same pixels are made
+    of the rest."""
     scene, renderer, cameras = make(), StreamRenderer(), []
 
     def noted(name):
@@ -127,13 +133,13 @@ def test_further_pictures_are_of_what_is_shown(make, monkeypatch) -> None:
         found.append([picture_of(data).codes.numpy().astype(int) for data in (first, last["messages"][0])])
     cameras = [one for k, one in enumerate(cameras) if k == 0 or one is not cameras[k - 1]]  # refused, then made anew
     count = 1 + len(ASIDE)
-    assert [(c.width, c.height) for c in cameras] == [(96, 72)] * (count + 1) + [(72, 54)] * len(ASIDE)
-    for whole, part in zip(cameras[1:count], cameras[-len(ASIDE) :], strict=True):
-        assert torch.allclose(part.intrinsics[0, :2, 2] + torch.tensor([12.0, 9.0]), whole.intrinsics[0, :2, 2])
+    assert [(c.width, c.height) for c in cameras] == [(96, 72)] * whole + [(72, 54)] * (2 * count - whole)
+    for outer, part in zip(cameras[1:count], cameras[-len(ASIDE) :], strict=True):
+        assert torch.allclose(part.intrinsics[0, :2, 2] + torch.tensor([12.0, 9.0]), outer.intrinsics[0, :2, 2])
     inner = np.zeros((72, 96), dtype=bool)
     inner[9:-9, 12:-12] = True
-    (_, whole), (first, part) = found
-    assert np.abs(part - whole)[inner].mean() < 0.5, "as if all of it had been made"
+    (_, all_of_it), (first, part) = found
+    assert np.abs(part - all_of_it)[inner].mean() < 0.5, "as if all of it had been made"
     assert np.abs(part - first)[inner].mean() > 0.05, "which is smoother than one picture"
 
 

@@ -15,8 +15,8 @@ from torchrender.scene.model import Scene
 from torchrender_service.renderers.jobs import Bounds, MakeKeyframe
 from torchrender_service.renderers.keyframes import Stamp, displayed
 from torchrender_service.renderers.streaming.carrying import LitViews
-from torchrender_service.renderers.streaming.glass import Base, lit_picture
-from torchrender_service.renderers.streaming.haze import Haze
+from torchrender_service.renderers.streaming.glass import Base, lit_picture, veiled
+from torchrender_service.renderers.streaming.haze import Haze, is_hazy
 from torchrender_service.renderers.streaming.lattice import window_of
 from torchrender_service.renderers.streaming.layers import Layer
 from torchrender_service.renderers.streaming.samples import busiest
@@ -65,6 +65,14 @@ class Refinement:
     light: Tensor | None = None  # (H,W,3) sum over the pictures; None: what was sent is made of others' light
     count: int = 0
     base: Base | None = None  # the further pictures take their light from this; None: they are made anew
+    carried: Made | None = None  # what was sent first, where its margin serves the picture that is made anew
+
+    def begin(self, made: Made) -> None:
+        """With what was sent first: a picture that was made anew, or the margin of a carried one."""
+        if not made.carried:
+            self.take(made, whole=not veiled(self.scene, self.camera, made.options))
+        elif not is_hazy(self.scene, self.camera, made.options):
+            self.carried = made
 
     def take(self, made: Made, *, whole: bool) -> None:
         """A picture that was made anew. The extra layers and mirrors of the last message are those of the first.
@@ -75,13 +83,13 @@ class Refinement:
         image, first = made.image, self.light is None
         light = image.radiance[0].clamp(max=self.brightest)
         self.add(light)
-        self.plan = made.plan
+        self.plan, self.carried = made.plan, None
         if not first:
             return
         mirrors = made.mirrors if self.begun.mirrors is not None and made.mirrors is not None else self.begun.mirrors
         self.begun = replace(self.begun, image=image, options=made.options, past=made.history, mirrors=mirrors)
         if whole and self.bounds.budget_ms is None and made.options.supersample >= 1.0:
-            rows, columns = self._shown
+            rows, columns = self.shown
             picture, haze = lit_picture(image, light, None), Haze.of_image(image)
             self.base = Base(
                 picture=picture,
@@ -92,17 +100,17 @@ class Refinement:
 
     @property
     def next_cameras(self) -> list[Cameras]:
-        """Of the pictures to come, a part of a pixel aside: of further ones the margin is left out that only a moving
-        view needs."""
-        if self.light is None:
+        """Of the pictures to come, a part of a pixel aside: the margin that only a moving view needs is left out where
+        it is known."""
+        if self.light is None and self.carried is None:
             return [self.camera]
-        rows, columns = self._shown
+        rows, columns = self.shown
         size = columns.stop - columns.start, rows.stop - rows.start
-        places = ASIDE[self.count - 1 :]
+        places = ((0.0, 0.0),) if self.light is None else ASIDE[self.count - 1 :]
         return [self.camera.sub_camera(columns.start + right, rows.start + down, *size) for right, down in places]
 
     @property
-    def _shown(self) -> tuple[slice, slice]:
+    def shown(self) -> tuple[slice, slice]:
         """Rows and columns of the view without the margin."""
         left, top = self.job.margin
         return slice(top, self.camera.height - top), slice(left, self.camera.width - left)
@@ -114,7 +122,7 @@ class Refinement:
             self.light = light
         else:
             whole = self.light / self.count
-            whole[self._shown] = light
+            whole[self.shown] = light
             self.light = self.light + whole
         self.count += 1
 

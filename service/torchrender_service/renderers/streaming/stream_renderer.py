@@ -36,6 +36,7 @@ from torchrender_service.renderers.streaming.layers import (
     worth_sending,
 )
 from torchrender_service.renderers.streaming.quick import as_bright, quickest
+from torchrender_service.renderers.streaming.rest import framed, with_maps_at_hand
 from torchrender_service.renderers.streaming.session import ASIDE, Begun, Made, Refinement, SessionState
 from torchrender_service.renderers.streaming.wishes import in_words_of, picture_bounds
 from torchrender_service.renderers.viewing.appearance import brightest, options_of, wish_of
@@ -113,8 +114,7 @@ class StreamRenderer:
         if job.still:
             refined = Refinement(job, begun, scene, camera, bounds, brightest(stamp), made.plan, render_ms=render_ms)
             light = light.clamp(max=refined.brightest)
-            if not made.carried:
-                refined.take(made, whole=not veiled(scene, camera, made.options))
+            refined.begin(made)
             self._refined[job.session] = refined
             while len(self._refined) > MAX_REFINED:
                 self._refined.popitem(last=False)
@@ -173,7 +173,8 @@ class StreamRenderer:
                 refined.add(light)
         else:
             first = refined.light is None
-            made = self._at_rest(refined.scene, cameras[0], state, refined.job, refined.bounds, keep=first)
+            of = refined.scene, cameras[0], state, refined.job, refined.bounds
+            made = self._at_rest(*of, keep=first, refined=refined)
             refined.take(made, whole=not veiled(refined.scene, refined.camera, options))
         begun = refined.begun
         refined.render_ms += 1e3 * (time.perf_counter() - begin)
@@ -275,25 +276,39 @@ class StreamRenderer:
         self._beginnings.keep_shaded(scene, state)
 
     def _at_rest(
-        self, scene: Scene, camera: Cameras, state: SessionState, job: MakeKeyframe, bounds: Bounds, *, keep: bool
+        self,
+        scene: Scene,
+        camera: Cameras,
+        state: SessionState,
+        job: MakeKeyframe,
+        bounds: Bounds,
+        *,
+        keep: bool,
+        refined: Refinement | None = None,
     ) -> Made:
         """A picture of a view at rest: made anew, without reused reflections, and no part of the moving sequence.
 
         Args:
             keep: pictures of moving views may take its light.
+            refined: that this is a picture of.
         """
         options = options_of(STREAMED, job.off)
         options = replace(options, buffers=CARRYING_NEEDS) if keep else options
         past = replace(state.history.shared(), sequence=False)
+        if bounds == Bounds():
+            options = with_maps_at_hand(scene, camera, options, past)
         image, plan = render_image(scene, camera, bounds, options, past)
         assert image.history is not None and image.plan is not None
         mirrors = mirror_layer(image, camera) if keep else None
-        if keep and image.plan.options.supersample >= 1.0 and not veiled(scene, camera, options):
-            state.lit.keep(scene, job.off, image, mirrors)
+        made = Made(image, plan, image.plan.options, image.history, mirrors)
+        if refined is not None and refined.carried is not None and keep:
+            made = framed(made, refined.carried, *refined.shown)
+        if keep and made.options.supersample >= 1.0 and not veiled(scene, camera, options):
+            state.lit.keep(scene, job.off, made.image, made.mirrors)
         state.history = replace(
             state.history.of_scene(scene), kept={**state.history.kept, **image.history.shared().kept}
         )
-        return Made(image, plan, image.plan.options, image.history, mirrors)
+        return made
 
 
 def _as_smooth(image: Image, light: Tensor, *, preview: bool) -> Tensor:
