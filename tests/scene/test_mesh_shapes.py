@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,13 +73,3 @@ def test_lists_and_arrays_are_taken_as_tensors() -> None:
 def test_lists_that_are_no_mesh_are_refused(vertices, faces, told) -> None:
     with pytest.raises(MeshError, match=told):
         tr.Mesh(vertices=vertices, faces=faces)
-
-
-def test_normals_that_say_nothing_are_refused_and_some_are_not() -> None:
-    box = tr.Mesh.sphere(segments=8)
-    assert box.normals is not None
-    nothing = torch.full_like(box.normals, float("nan"))
-    with pytest.raises(MeshError, match=f"normals must be finite, all {len(nothing)} are NaN or infinite"):
-        replace(box, normals=nothing)
-    nothing[-1] = box.normals[-1]
-    assert replace(box, normals=nothing).normals is not None

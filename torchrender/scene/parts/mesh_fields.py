@@ -48,9 +48,6 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Tensor | None]:
             f"mesh {name!r}: {bad.numel()} of {v.shape[0]} vertices are NaN or infinite, first {int(bad[0])}"
         )
     check_near(f"mesh {name!r}: vertices", v, MeshError)
-    normals = arrays["normals"]
-    if normals is not None and len(normals) and not any(bool(torch.isfinite(r).all(1).any()) for r in _looks(normals)):
-        raise MeshError(f"mesh {name!r}: normals must be finite, all {len(normals)} are NaN or infinite")
     for field in ("colors", "alpha", "tangents"):
         value, told = arrays[field], f"mesh {name!r}: {field}"
         if value is None:
@@ -63,11 +60,6 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Tensor | None]:
     if f.numel() and (int(f.min()) < 0 or int(f.max()) >= v.shape[0]):
         raise MeshError(f"mesh {name!r}: faces must index {v.shape[0]} vertices, got {int(f.min())} to {int(f.max())}")
     return arrays
-
-
-def _looks(rows: Tensor) -> tuple[Tensor, Tensor]:
-    """The first row, which mostly is enough to look at, and all."""
-    return rows.detach()[:1], rows.detach()
 
 
 def _check_numbers(given: Mapping[str, Any]) -> None:
