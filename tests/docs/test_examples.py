@@ -18,7 +18,7 @@ SCRIPTS: dict[str, tuple[tuple[str, ...], str | None]] = {
     "colors_from_photos": (("24",), "box.png"),
     "dataset": (("32", "6", "0", "cornell_box"), None),
     "depth_image": (("64",), "mesh.exr"),
-    "fog_photo": (("64",), "fog_50/frame_0000.png"),
+    "fog_photo": (("64",), "fog_thick/frame_0000.png"),
     "light_from_shadow": (("32",), "one_lamp.png"),
     "points": (("64",), "cloud.png"),
     "pose_from_depth": (("32",), "seen.png"),
